@@ -1,0 +1,47 @@
+# davpc: `make help` lists what there is.
+.DEFAULT_GOAL := help
+.PHONY: help setup sim test lint lock clean
+
+VENV := .venv
+READY := $(VENV)/.ready
+PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
+  $$p -c 'import sys, venv; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && echo $$p && break; done)
+SIM_ARGS ?=
+
+help: ## List the targets
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 16
+
+setup: $(READY) ## Make .venv from the lock file; leaves .venv/bin/davpc
+
+$(READY): requirements.lock pyproject.toml
+	@test -n "$(PYTHON)" || { echo "davpc needs Python >= 3.11 with the venv module (Debian: apt-get install python3-venv)"; exit 2; }
+	@echo "[setup] making $(VENV) with $$($(PYTHON) --version)"
+	@test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
+	@echo "[setup] installing the locked packages (about 350 MB, once)"
+	@$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	@echo "[setup] installing davpc itself"
+	@$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+	@echo "[setup] done: try $(VENV)/bin/davpc --help"
+
+sim: $(READY) ## One docking of both robots, simulated down to pixels and CAN frames
+	@$(VENV)/bin/davpc sim $(SIM_ARGS)
+
+test: $(READY) ## What CI runs: format, lint, types, import rules, tests
+	@$(MAKE) --no-print-directory lint
+	@echo "[test] parallel tests"
+	@$(VENV)/bin/python -m pytest -q -n auto -m "not alone"
+	@echo "[test] process tests, one at a time"
+	@$(VENV)/bin/python -m pytest -q -m alone
+
+lint: $(READY) ## Format, lint, types, import rules
+	@echo "[lint] format"; $(VENV)/bin/ruff format --check --quiet . || { echo "run: $(VENV)/bin/ruff format ."; exit 1; }
+	@echo "[lint] ruff"; $(VENV)/bin/ruff check --quiet .
+	@echo "[lint] types"; $(VENV)/bin/mypy --no-error-summary
+	@echo "[lint] import rules"; $(VENV)/bin/lint-imports --no-timings > .venv/lint-imports.log || { cat .venv/lint-imports.log; exit 1; }
+
+lock: ## Refresh requirements.lock (needs uv)
+	uv pip compile --universal --generate-hashes --no-header --no-annotate --python-version 3.11 --extra dev --no-emit-package davpc -o requirements.lock pyproject.toml
+
+clean: ## Remove the environment and caches
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,160 @@
+"""The only door to Zenoh: publish, newest-value subscription, serve and request over a mesh of Unix sockets.
+
+Every process listens on its own socket in a private runtime directory and connects to those that stand before
+it in the process table: no TCP, no scouting, no gossip. Images take another way: :mod:`common.frame_ring`."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import zenoh
+
+from common.channels import Channel
+from common.config import ConfigError
+
+OnPayload = Callable[[bytes], None]
+OnRequest = Callable[[bytes, Callable[[bytes], None]], None]
+_SOCKET_PATH_LIMIT = 107
+
+
+class Bus:
+    """One Zenoh session, as a context manager.
+
+    Args:
+        name: this process; its socket is ``<name>.sock``.
+        runtime: private directory (mode 0700) of the sockets of all processes.
+        peers: names of the processes to connect to.
+        prefix: put before every key, so that several pairs can share a network.
+    """
+
+    def __init__(self, name: str, runtime: Path, peers: Sequence[str], prefix: str = "davpc") -> None:
+        sockets = {peer: str(runtime / f"{peer}.sock") for peer in (name, *peers)}
+        longest = max(sockets.values(), key=len)
+        if len(longest) > _SOCKET_PATH_LIMIT:
+            raise ConfigError(f"{longest}: longer than a Unix socket may be; choose a shorter runtime directory")
+        Path(sockets[name]).unlink(missing_ok=True)
+        Path(sockets[name] + ".lock").unlink(missing_ok=True)
+        zenoh.init_log_from_env_or("error")
+        self._prefix = prefix
+        self._threads: list[threading.Thread] = []
+        self._closing = threading.Event()
+        self._declared: list[Any] = []
+        self._publishers: dict[str, Any] = {}
+        self._session = zenoh.open(_peer_config(sockets[name], [sockets[peer] for peer in peers]))
+
+    def __enter__(self) -> Bus:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def key(self, channel: Channel[Any]) -> str:
+        """The full key of a channel."""
+        return f"{self._prefix}/{channel.key}"
+
+    def publish(self, channel: Channel[Any], payload: bytes) -> None:
+        """Publish; if a subscriber cannot keep up the sample is dropped, never queued without bound."""
+        publisher = self._publishers.get(channel.key)
+        if publisher is None:
+            publisher = self._session.declare_publisher(
+                self.key(channel),
+                priority=zenoh.Priority.DATA if channel.max_age_ms > 400 else zenoh.Priority.REAL_TIME,
+                congestion_control=zenoh.CongestionControl.DROP,
+            )
+            self._publishers[channel.key] = publisher
+        publisher.put(payload)
+
+    def subscribe(self, channel: Channel[Any], on_payload: OnPayload) -> None:
+        """Hand on the newest payload of a channel from a thread of its own; older ones are overwritten."""
+        subscriber = self._session.declare_subscriber(self.key(channel), zenoh.handlers.RingChannel(1))
+        self._declared.append(subscriber)
+        self._spawn(channel.key, lambda: _drain(subscriber, on_payload))
+
+    def serve(self, channel: Channel[Any], on_request: OnRequest) -> None:
+        """Hand on each request with a function that answers it, from a thread of its own."""
+        queryable = self._session.declare_queryable(self.key(channel), zenoh.handlers.FifoChannel(64))
+        self._declared.append(queryable)
+        self._spawn(channel.key, lambda: _serve(queryable, self.key(channel), on_request))
+
+    def request(self, channel: Channel[Any], payload: bytes, timeout_s: float) -> bytes | None:
+        """Ask and wait; None if nobody answered in time. A request may still be carried out after that."""
+        for reply in self._session.get(self.key(channel), payload=payload, timeout=timeout_s):
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+        return None
+
+    def declare_alive(self, process: str) -> None:
+        """Show the others that this process lives, until its session ends."""
+        self._declared.append(self._session.liveliness().declare_token(f"{self._prefix}/live/{process}"))
+
+    def alive(self) -> set[str]:
+        """Names of the processes that show that they live."""
+        replies = self._session.liveliness().get(f"{self._prefix}/live/*", timeout=1.0)
+        return {str(reply.ok.key_expr).rsplit("/", 1)[-1] for reply in replies if reply.ok is not None}
+
+    def close(self) -> None:
+        """Undeclare everything and end the session and its threads."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        for declared in (*self._declared, *self._publishers.values()):
+            declared.undeclare()
+        self._session.close()  # type: ignore[no-untyped-call]
+        for thread in self._threads:
+            thread.join(timeout=2.0)
+
+    def _spawn(self, name: str, work: Callable[[], None]) -> None:
+        thread = threading.Thread(target=work, name=name, daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+
+def _drain(subscriber: Any, on_payload: OnPayload) -> None:
+    for sample in subscriber:
+        on_payload(sample.payload.to_bytes())
+
+
+def _serve(queryable: Any, key: str, on_request: OnRequest) -> None:
+    for query in queryable:
+        payload = query.payload
+        if payload is None:
+            query.drop()
+            continue
+
+        def answer(reply: bytes, query: Any = query) -> None:
+            query.reply(key, reply)
+            query.drop()
+
+        on_request(payload.to_bytes(), answer)
+
+
+def _peer_config(listen: str, connect: list[str]) -> zenoh.Config:
+    return zenoh.Config.from_json5(
+        json.dumps(
+            {
+                "mode": "peer",
+                "listen": {"endpoints": [f"unixsock-stream/{listen}"]},
+                "connect": {
+                    "endpoints": [f"unixsock-stream/{path}" for path in connect],
+                    "timeout_ms": 0,
+                    "exit_on_failure": False,
+                    "retry": {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2},
+                },
+                "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+                "timestamping": {"enabled": False},
+                "adminspace": {"enabled": False},
+                "transport": {
+                    "shared_memory": {"enabled": False},
+                    "unicast": {"open_timeout": 500, "accept_timeout": 500},
+                    "link": {"protocols": ["unixsock-stream"], "tx": {"lease": 500, "keep_alive": 4}},
+                },
+            }
+        )
+    )

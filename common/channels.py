@@ -1,0 +1,76 @@
+"""Every channel: one table from which subscriptions, ages, access rules, documentation and tests derive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Generic, Literal, TypeVar
+
+from common.messages import (
+    ArmSetpoint,
+    ArmState,
+    Command,
+    DockingState,
+    DockRequest,
+    Drives,
+    Frame,
+    Health,
+    LeaderState,
+    LockRequest,
+    Message,
+    Mission,
+)
+from common.timing import NS_PER_MS
+
+M = TypeVar("M", bound=Message)
+
+
+@dataclass(frozen=True)
+class Channel(Generic[M]):
+    """One key.
+
+    ``publisher`` is the one process that may publish (for a request: that answers it); ``reach`` says whether
+    the key leaves the robot. ``rate_hz`` is 0 for what has no fixed rate.
+    """
+
+    key: str
+    message: type[M]
+    publisher: str
+    rate_hz: float
+    max_age_ms: float
+    reach: Literal["robot", "pair"] = "robot"
+    kind: Literal["state", "request"] = "state"
+
+    @property
+    def max_age_ns(self) -> int:
+        """Older than this a message says nothing about now."""
+        return round(self.max_age_ms * NS_PER_MS)
+
+
+FRAME = Channel("follower/camera/frame", Frame, "follower-camera", 60, 100)
+DOCKING_STATE = Channel("follower/state/docking", DockingState, "follower-estimator", 60, 100)
+MISSION = Channel("follower/motion/mission", Mission, "follower-supervisor", 20, 200)
+COMMAND = Channel("follower/motion/command", Command, "follower-controller", 20, 120)
+ARM_SETPOINT = Channel("follower/motion/arm_setpoint", ArmSetpoint, "follower-arms", 100, 100)
+ARM_STATE = Channel("follower/state/arms", ArmState, "follower-arms", 100, 100)
+DRIVES = Channel("follower/state/drives", Drives, "follower-can-bridge", 100, 50)
+LEADER_STATE = Channel("leader/state", LeaderState, "leader", 10, 500, reach="pair")
+DOCK_REQUEST = Channel("follower/request/dock", DockRequest, "follower-supervisor", 0, 0, kind="request")
+LOCK_REQUEST = Channel("leader/request/lock", LockRequest, "leader", 0, 0, reach="pair", kind="request")
+
+CHANNELS: tuple[Channel[Any], ...] = (
+    FRAME,
+    DOCKING_STATE,
+    MISSION,
+    COMMAND,
+    ARM_SETPOINT,
+    ARM_STATE,
+    DRIVES,
+    LEADER_STATE,
+    DOCK_REQUEST,
+    LOCK_REQUEST,
+)
+
+
+def health_channel(process: str) -> Channel[Health]:
+    """The channel on which a process says how it is doing."""
+    return Channel(f"health/{process}", Health, process, 2, 2000, reach="pair")

@@ -1,0 +1,356 @@
+"""Configuration of a pair of robots: strict models, one TOML file, errors that name the file and the key."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from common.geometry import Array, Pinhole, Pose2, features_at
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Pair = tuple[float, float]
+Xyz = tuple[float, float, float]
+
+
+class ConfigError(Exception):
+    """A configuration that cannot be used; the text is one line that names the file and the key."""
+
+
+class Section(BaseModel):
+    """Base of every table: frozen, strict about types, no unknown keys, no NaN or infinity."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
+
+
+class LensConfig(Section):
+    """Intrinsics. ``coefficients`` in OpenCV's order: none, 8 for rational, 4 for fisheye."""
+
+    model: Literal["pinhole", "rational", "fisheye"] = "pinhole"
+    fx_px: Positive
+    fy_px: Positive
+    cx_px: float
+    cy_px: float
+    coefficients: tuple[float, ...] = ()
+
+    @model_validator(mode="after")
+    def _coefficients_fit_model(self) -> LensConfig:
+        wanted = {"pinhole": 0, "rational": 8, "fisheye": 4}[self.model]
+        if len(self.coefficients) != wanted:
+            raise ValueError(f"lens model {self.model!r} takes {wanted} coefficients, not {len(self.coefficients)}")
+        return self
+
+
+class CameraConfig(Section):
+    """The Follower's camera: driver by name, image format, exposure and its place ξ on the robot."""
+
+    driver: str
+    rate_hz: Annotated[float, Field(gt=0, le=500)]
+    width_px: Annotated[int, Field(ge=64, le=8192)]
+    height_px: Annotated[int, Field(ge=64, le=8192)]
+    exposure_us: Annotated[float, Field(gt=0, le=100_000)]
+    gain: Annotated[float, Field(gt=0, le=64)]
+    mount_xyz_m: Xyz
+    lens: LensConfig
+
+    @cached_property
+    def pinhole(self) -> Pinhole:
+        """The lens without its distortion."""
+        lens = self.lens
+        return Pinhole(lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, self.width_px, self.height_px)
+
+    @cached_property
+    def mount(self) -> Array:
+        """ξ, the optical centre in {F} [m]."""
+        return np.array(self.mount_xyz_m)
+
+
+class LedsConfig(Section):
+    """The Leader's array: LED positions in {L}, beam and nominal current."""
+
+    positions_m: Annotated[tuple[Xyz, ...], Field(min_length=4, max_length=12)]
+    full_beam_deg: Annotated[float, Field(gt=0, le=180)]
+    current_a: Annotated[float, Field(gt=0, le=5)]
+
+    @cached_property
+    def points(self) -> Array:
+        """LED positions (n, 3) in {L} [m]."""
+        return np.array(self.positions_m)
+
+    @model_validator(mode="after")
+    def _coplanar(self) -> LedsConfig:
+        centred = self.points - self.points.mean(axis=0)
+        singular = np.linalg.svd(centred, compute_uv=False)
+        if singular[1] < 0.05:
+            raise ValueError("the LEDs are collinear: the relative pose cannot be told from them")
+        if singular[2] > 0.02:
+            raise ValueError("the LEDs are not coplanar: the homography of the paper does not exist")
+        return self
+
+
+class DockingConfig(Section):
+    """Where trolley K docks, and when the approach counts as arrived."""
+
+    goal_distance_m: Positive
+    trolley_pitch_m: Positive
+    feature_tolerance: Positive
+    heading_tolerance_deg: Positive
+    settle_s: Positive
+    lateral_bound_first_m: Positive
+    lateral_bound_next_m: Positive
+
+    def goal(self, trolley: int) -> Pose2:
+        """Desired pose of {L} in {F} for docking ``trolley`` (1 is the first)."""
+        return Pose2(self.goal_distance_m + self.trolley_pitch_m * (trolley - 1), 0.0, 0.0)
+
+
+class EstimatorConfig(Section):
+    """Perception and the filtered relative state."""
+
+    method: Literal["paper", "davpc"]
+    threshold: Annotated[int, Field(ge=1, le=254)]
+    min_spot_px: Annotated[int, Field(ge=1)]
+    max_spot_px: Annotated[int, Field(ge=4)]
+    gate_px: Positive
+    identification_residual_px: Positive
+    coast_ms: Positive
+    pixel_sigma_px: Positive
+    process_noise: Annotated[tuple[float, float, float], Field(description="m, m, rad per root second")]
+    speed_noise: Annotated[Pair, Field(description="relative noise of v; of ω, each per root second")]
+
+
+class ControllerConfig(Section):
+    """The predictive problem of the paper, eq. (nmpc_problem)."""
+
+    method: Literal["paper", "davpc"]
+    solver: str
+    horizon: Annotated[int, Field(ge=5, le=100)]
+    period_ms: Positive
+    terminal_weight: NonNegative
+    terminal_weight_theta: NonNegative
+    effort_weight: Annotated[Pair, Field(description="R of v and ω")]
+    visibility_margin_px: NonNegative
+    deadline_ms: Positive
+
+
+class LimitsConfig(Section):
+    """What the Follower may do: bounds of the controller and, above them, of the gate."""
+
+    v_min_m_s: Annotated[float, Field(le=0, ge=-0.2)]
+    v_max_m_s: Annotated[float, Field(gt=0, le=0.6)]
+    w_max_rad_s: Annotated[float, Field(gt=0, le=0.8)]
+    controller_dv_m_s: Positive
+    controller_dw_rad_s: Positive
+    gate_acceleration_m_s2: Annotated[float, Field(gt=0, le=0.6)]
+    gate_angular_acceleration_rad_s2: Annotated[float, Field(gt=0, le=2.5)]
+
+
+class SupervisorConfig(Section):
+    """Phases of a docking: speeds, distances and how long each may take."""
+
+    approach_speed_m_s: Positive
+    last_metre_speed_m_s: Positive
+    push_speed_m_s: Annotated[float, Field(gt=0, le=0.05)]
+    push_limit_m: Positive
+    retract_speed_m_s: Positive
+    retract_distance_m: Positive
+    acquire_timeout_s: Positive
+    approach_timeout_s: Positive
+    lost_timeout_s: Positive
+    lock_timeout_s: Positive
+
+
+class ArmsConfig(Section):
+    """Handle torques and the contact threshold."""
+
+    lever_m: Positive
+    pushing_force_n: NonNegative
+    grip_torque_n_m: Positive
+    release_torque_n_m: Annotated[float, Field(lt=0)]
+    contact_force_n: Positive
+    lift_height_m: NonNegative
+
+
+class DriveConfig(Section):
+    """One CiA 402 drive on the bus."""
+
+    node_id: Annotated[int, Field(ge=1, le=127)]
+    counts_per_turn: Annotated[int, Field(ge=1)] = 65536
+    gear_ratio: Positive = 1.0
+    sign: Literal[1, -1] = 1
+
+
+class BusConfig(Section):
+    """One CAN bus, as python-can names it."""
+
+    interface: Literal["socketcan", "socketcand", "stepped"]
+    channel: str
+    host: str = ""
+    port: Annotated[int, Field(ge=0, le=65535)] = 0
+    bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] = 1_000_000
+
+
+class FollowerCanConfig(Section):
+    """The Follower's bus and who answers on it."""
+
+    bus: BusConfig
+    left_wheel: DriveConfig
+    right_wheel: DriveConfig
+    joints: Annotated[tuple[DriveConfig, ...], Field(min_length=6, max_length=6)]
+    grippers: Annotated[tuple[DriveConfig, ...], Field(min_length=2, max_length=2)]
+    lift: DriveConfig
+    io_node_id: Annotated[int, Field(ge=1, le=127)]
+    watchdog_ms: Annotated[int, Field(ge=20, le=80)]
+
+    @cached_property
+    def drives(self) -> tuple[DriveConfig, ...]:
+        """All eleven, in the order wheels, joints, grippers, lift."""
+        return (self.left_wheel, self.right_wheel, *self.joints, *self.grippers, self.lift)
+
+    @model_validator(mode="after")
+    def _ids_differ(self) -> FollowerCanConfig:
+        ids = [drive.node_id for drive in self.drives] + [self.io_node_id]
+        twice = sorted({i for i in ids if ids.count(i) > 1})
+        if twice:
+            raise ValueError(f"node id {twice[0]} is given twice")
+        return self
+
+
+class LeaderCanConfig(Section):
+    """The Leader's bus and its I/O module."""
+
+    bus: BusConfig
+    io_node_id: Annotated[int, Field(ge=1, le=127)]
+
+
+class LeaderConfig(Section):
+    """Guide and lock of the Leader."""
+
+    lock_travel_timeout_s: Positive
+    actuator_current_limit_a: Positive
+    led_current_tolerance_a: Positive
+
+
+class BaseConfig(Section):
+    """The Follower's differential drive."""
+
+    wheel_radius_m: Positive
+    track_m: Positive
+    latency_ms: NonNegative
+
+
+class Config(Section):
+    """Everything that both robots read. ``world`` belongs to the simulated backend, which checks it itself."""
+
+    base: BaseConfig
+    camera: CameraConfig
+    leds: LedsConfig
+    docking: DockingConfig
+    estimator: EstimatorConfig
+    controller: ControllerConfig
+    limits: LimitsConfig
+    supervisor: SupervisorConfig
+    arms: ArmsConfig
+    follower_can: FollowerCanConfig
+    leader_can: LeaderCanConfig
+    leader: LeaderConfig
+    world: dict[str, Any] = {}
+
+    @model_validator(mode="after")
+    def _goal_in_view(self) -> Config:
+        camera = self.camera
+        pixels = camera.pinhole.to_pixels(features_at(self.leds.points, self.docking.goal(1), camera.mount))
+        inside = (pixels >= 0) & (pixels <= [camera.width_px - 1, camera.height_px - 1])
+        if not inside.all():
+            raise ValueError("at the goal of trolley 1 a LED lies outside the image: check camera.mount_xyz_m, leds")
+        if np.any(np.abs(camera.mount[2] - self.leds.points[:, 2]) < 0.02):
+            raise ValueError("a LED is as high as the camera (Δh = 0): its depth cannot be told")
+        return self
+
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def load_config(path: Path, overrides: Sequence[str] = ()) -> Config:
+    """Read the pair's configuration.
+
+    Args:
+        path: TOML file.
+        overrides: ``table.key=value`` with a TOML value, applied after the file.
+
+    Raises:
+        ConfigError: the file is missing or not TOML, a key is unknown, a value out of range.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+    for override in overrides:
+        _apply(table, override)
+    return validate(Config, table, str(path))
+
+
+def validate(model: type[M], table: Mapping[str, Any], origin: str) -> M:
+    """Check a table against its model; ``origin`` (a file, or a file and a table) goes into the error.
+
+    Raises:
+        ConfigError: with one line for the first fault, and the number of further ones.
+    """
+    try:
+        return model.model_validate(_tuples(table))
+    except ValidationError as error:
+        faults = error.errors()
+        first = faults[0]
+        key = ".".join(str(part) for part in first["loc"]) or "(whole file)"
+        what = first["msg"].removeprefix("Value error, ")
+        if first["type"] == "extra_forbidden":
+            what = "unknown key"
+        elif first["type"] != "missing" and not isinstance(first["input"], dict | tuple | BaseModel):
+            what = f"{what}, got {first['input']!r}"
+        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+        raise ConfigError(f"{origin}: {key}: {what}{more}") from error
+
+
+def default_config_path() -> Path:
+    """``/etc/davpc/robots.toml`` on a robot, else the reference robots that come with davpc."""
+    package = Path(__file__).resolve().parent
+    installed = Path("/etc/davpc/robots.toml")
+    candidates = [
+        installed,
+        package.parent / "deploy/config/robots.toml",
+        package / "default_config/robots.toml",
+    ]
+    return next((path for path in candidates if path.exists()), installed)
+
+
+def _apply(table: dict[str, Any], override: str) -> None:
+    key, separator, value = override.partition("=")
+    if not separator:
+        raise ConfigError(f"override {override!r}: write it as table.key=value")
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        parsed = value
+    *parents, last = key.strip().split(".")
+    for parent in parents:
+        table = table.setdefault(parent, {})
+        if not isinstance(table, dict):
+            raise ConfigError(f"override {override!r}: {parent} is not a table")
+    table[last] = parsed
+
+
+def _tuples(value: Any) -> Any:
+    """TOML arrays as tuples, the immutable form that the models hold."""
+    if isinstance(value, Mapping):
+        return {key: _tuples(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return tuple(_tuples(item) for item in value)
+    return value

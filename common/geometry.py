@@ -1,0 +1,151 @@
+"""Frames, rigid transforms, projection and the interaction matrix, each with its equation in the paper.
+
+Frames (docs: ARCHITECTURE.md): {F} Follower, {L} Leader, {C} camera, {I} normalised image, {Π} pixels.
+A relative pose is the pose of {L} in {F}: ``(x_L^F [m], y_L^F [m], θ_L^F [rad])``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pose2:
+    """A planar pose: x [m], y [m], heading θ [rad], counter-clockwise positive."""
+
+    x_m: float
+    y_m: float
+    theta_rad: float
+
+    def inverse(self) -> Pose2:
+        """The pose of the outer frame seen from the inner one."""
+        c, s = math.cos(self.theta_rad), math.sin(self.theta_rad)
+        return Pose2(-c * self.x_m - s * self.y_m, s * self.x_m - c * self.y_m, wrap_angle(-self.theta_rad))
+
+    def compose(self, inner: Pose2) -> Pose2:
+        """``a_from_b.compose(b_from_c)`` is ``a_from_c``."""
+        c, s = math.cos(self.theta_rad), math.sin(self.theta_rad)
+        return Pose2(
+            self.x_m + c * inner.x_m - s * inner.y_m,
+            self.y_m + s * inner.x_m + c * inner.y_m,
+            wrap_angle(self.theta_rad + inner.theta_rad),
+        )
+
+    def as_array(self) -> Array:
+        """``[x, y, θ]``."""
+        return np.array([self.x_m, self.y_m, self.theta_rad])
+
+
+def wrap_angle(angle_rad: float) -> float:
+    """The same angle in (−π, π]."""
+    return -((math.pi - angle_rad) % (2 * math.pi) - math.pi)
+
+
+def pose_from_paper_start(x_m: float, y_m: float, theta_rad: float) -> Pose2:
+    """Follower pose in {L} for a start as the paper prints it: x is the distance *behind* the Leader."""
+    return Pose2(-x_m, y_m, theta_rad)
+
+
+def points_in_camera(points_l: Array, relative: Pose2, camera_xyz_m: Array) -> Array:
+    """Points of {L} in {C}: eq. (featurepoint).
+
+    Args:
+        points_l: (n, 3) coordinates in {L} [m].
+        relative: pose of {L} in {F}.
+        camera_xyz_m: ξ, the camera's optical centre in {F} [m].
+
+    Returns:
+        (n, 3) coordinates ``[X, Y, Z]`` in {C} [m]: z along the optical axis, x right, y down.
+    """
+    c, s = math.cos(relative.theta_rad), math.sin(relative.theta_rad)
+    x_l, y_l, z_l = points_l[:, 0], points_l[:, 1], points_l[:, 2]
+    return np.stack(
+        [
+            -relative.y_m + camera_xyz_m[1] - x_l * s - y_l * c,
+            camera_xyz_m[2] - z_l,
+            relative.x_m - camera_xyz_m[0] + x_l * c - y_l * s,
+        ],
+        axis=1,
+    )
+
+
+def normalise(points_c: Array) -> Array:
+    """Normalised image coordinates ``s = [α, β]``, (n, 2), of points in {C}: eq. (depthscale).
+
+    Raises:
+        ValueError: a point lies on or behind the image plane.
+    """
+    if np.any(points_c[:, 2] <= 0.0):
+        raise ValueError("a point behind the camera has no image")
+    normalised: Array = points_c[:, :2] / points_c[:, 2:]
+    return normalised
+
+
+def features_at(points_l: Array, relative: Pose2, camera_xyz_m: Array) -> Array:
+    """Normalised features (n, 2) of the array ``points_l`` seen from the relative pose."""
+    return normalise(points_in_camera(points_l, relative, camera_xyz_m))
+
+
+def interaction_matrix(features: Array, height_difference_m: Array, camera_xyz_m: Array) -> Array:
+    """Interaction matrix J_s of n points, (n, 2, 2), in ds/dt = J_s u_F: eq. (interaction_matrix).
+
+    Args:
+        features: (n, 2) normalised coordinates ``[α, β]``.
+        height_difference_m: (n,) Δh = Z_C − Z_P per point, not zero; negative for LEDs above the camera.
+        camera_xyz_m: ξ in {F} [m]; its x and y are the paper's t_x, t_y.
+    """
+    alpha, beta = features[:, 0], features[:, 1]
+    t_x, t_y = camera_xyz_m[0], camera_xyz_m[1]
+    inverse_depth = beta / height_difference_m
+    rows = np.empty((len(features), 2, 2))
+    rows[:, 0, 0] = alpha * inverse_depth
+    rows[:, 0, 1] = 1.0 + alpha**2 + inverse_depth * (t_x - alpha * t_y)
+    rows[:, 1, 0] = beta * inverse_depth
+    rows[:, 1, 1] = alpha * beta - beta * inverse_depth * t_y
+    return rows
+
+
+def extended_interaction_matrix(features: Array, height_difference_m: Array, camera_xyz_m: Array) -> Array:
+    """Extended image Jacobian J_x, (2n+1, 2), of the state ``[s_0 … s_{n−1}, θ_L^F]``; J_θ = [0, −1]."""
+    stacked = interaction_matrix(features, height_difference_m, camera_xyz_m).reshape(-1, 2)
+    return np.vstack([stacked, [0.0, -1.0]])
+
+
+def move_relative(relative: Pose2, v_m_s: float, w_rad_s: float, duration_s: float) -> Pose2:
+    """Pose of {L} in {F} after the Follower drove a constant twist: the exact solution of eq. (relative)."""
+    turn = w_rad_s * duration_s
+    # chord of the arc driven in the old {F}, finite for w → 0
+    chord = v_m_s * duration_s * np.sinc(turn / (2 * math.pi))
+    moved = Pose2(chord * math.cos(turn / 2), chord * math.sin(turn / 2), turn)
+    return moved.inverse().compose(relative)
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """Pinhole intrinsics K: focal lengths and principal point [px], image size [px]: eq. (pinhole_projection)."""
+
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    width_px: int
+    height_px: int
+
+    def matrix(self) -> Array:
+        """K, (3, 3)."""
+        return np.array([[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]])
+
+    def to_pixels(self, normalised: Array) -> Array:
+        """{I} → {Π}, (n, 2); the centre of the first pixel is (0, 0)."""
+        return normalised * [self.fx_px, self.fy_px] + [self.cx_px, self.cy_px]
+
+    def to_normalised(self, pixels: Array) -> Array:
+        """{Π} → {I}, (n, 2)."""
+        normalised: Array = (pixels - [self.cx_px, self.cy_px]) / [self.fx_px, self.fy_px]
+        return normalised

@@ -1,0 +1,185 @@
+"""What a node is, and what it may rely on from the executor that runs it.
+
+A node declares its channels and has ``step(now_ns, inputs) → outputs``. Two executors run the same nodes:
+:mod:`common.executor` as a process over Zenoh, :mod:`sim.stepped` many in one process in stepped time.
+Both promise:
+
+* ``start`` runs once before the first step and ``stop`` once after the last, also after a failure;
+* ``step`` runs at each absolute ``period_ns`` and on each arrival on a channel in ``wakes``, never twice at once;
+* of a state channel only the newest message is kept; requests and answers are kept all, in order;
+* everything passes through the wire's encoding, so a node never sees another node's objects.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Generic, TypeVar, cast
+
+from common.channels import Channel
+from common.config import Config
+from common.messages import Answer, Header, Message, MessageError, decode
+
+M = TypeVar("M", bound=Message)
+Output = tuple[Channel[Any], Message]
+REQUEST_BACKLOG = 64
+
+
+@dataclass(frozen=True)
+class NodeContext:
+    """What a node is made from: the configuration, and what only this run knows."""
+
+    config: Config
+    config_path: Path
+    runtime: Path
+    run_id: int
+    boot_id: str
+    options: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Trigger:
+    """When a node steps: every ``period_ns`` (0: never by time), and whenever a channel of ``wakes`` brings news."""
+
+    period_ns: int = 0
+    wakes: tuple[Channel[Any], ...] = ()
+
+
+@dataclass(frozen=True)
+class Received(Generic[M]):
+    """A message, its header, and the local time of its receipt."""
+
+    message: M
+    header: Header
+    receipt_ns: int
+
+
+class Inbox:
+    """Raw payloads on their way into a node: the newest of each state channel, all requests and answers.
+
+    Decoding happens in the step, once per message that is looked at. What cannot be decoded is counted,
+    and named once per reason in ``faults`` for the executor to log.
+    """
+
+    def __init__(self, channels: Sequence[Channel[Any]], boot_id: str) -> None:
+        self._channels = {channel.key: channel for channel in channels}
+        self._boot_id = boot_id
+        self._newest: dict[str, tuple[bytes, int]] = {}
+        self._decoded: dict[str, tuple[bytes, Received[Any] | None]] = {}
+        self._arrived: set[str] = set()
+        self._queues: dict[str, deque[tuple[bytes, int]]] = {}
+        self.malformed = 0
+        self.overflowed = 0
+        self.faults: deque[str] = deque(maxlen=16)
+
+    def put_state(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> None:
+        """Replace the newest payload; it is decoded only when the node looks."""
+        self._newest[channel.key] = (payload, receipt_ns)
+        self._arrived.add(channel.key)
+
+    def put_queued(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> None:
+        """Append a request or an answer; beyond the backlog the oldest is dropped and counted."""
+        queue = self._queues.setdefault(channel.key, deque())
+        if len(queue) >= REQUEST_BACKLOG:
+            queue.popleft()
+            self.overflowed += 1
+        queue.append((payload, receipt_ns))
+
+    def newest(self, channel: Channel[M]) -> Received[M] | None:
+        """The newest valid message ever received; its age is the caller's to judge."""
+        stored = self._newest.get(channel.key)
+        if stored is None:
+            return None
+        payload, receipt_ns = stored
+        known = self._decoded.get(channel.key)
+        if known is not None and known[0] is payload:
+            return cast("Received[M] | None", known[1])
+        received = self._decode(channel.message, channel, payload, receipt_ns)
+        if received is None and known is not None:
+            received = known[1]
+        self._decoded[channel.key] = (payload, received)
+        return cast("Received[M] | None", received)
+
+    def fresh(self, channel: Channel[M], now_ns: int) -> M | None:
+        """The newest message if it is younger than the channel's maximum age.
+
+        Within a robot the age counts from the source's stamp, between robots from local receipt.
+        """
+        received = self.newest(channel)
+        if received is None:
+            return None
+        since_ns = received.receipt_ns if channel.reach == "pair" else received.header.stamp_ns
+        return received.message if now_ns - since_ns <= channel.max_age_ns else None
+
+    def arrived(self, channel: Channel[M]) -> M | None:
+        """The newest message if it came since the last step."""
+        if channel.key not in self._arrived:
+            return None
+        received = self.newest(channel)
+        return received.message if received else None
+
+    def requests(self, channel: Channel[M]) -> list[Received[M]]:
+        """Requests that came since the last step, oldest first."""
+        found = [self._decode(channel.message, channel, *item) for item in self._take(channel.key)]
+        return [cast("Received[M]", received) for received in found if received is not None]
+
+    def answers(self, channel: Channel[Any]) -> list[Answer]:
+        """Answers to this node's own requests that came since the last step."""
+        found = [self._decode(Answer, channel, *item) for item in self._take(channel.key)]
+        return [received.message for received in found if received is not None]
+
+    def end_step(self) -> None:
+        """Forget what counts as arrived; executors call it after each step."""
+        self._arrived.clear()
+
+    def _take(self, key: str) -> list[tuple[bytes, int]]:
+        queue = self._queues.get(key)
+        if not queue:
+            return []
+        taken = [queue.popleft() for _ in range(len(queue))]
+        return taken
+
+    def _decode(
+        self, message_type: type[Any], channel: Channel[Any], payload: bytes, receipt_ns: int
+    ) -> Received[Any] | None:
+        try:
+            header, message = decode(message_type, payload)
+            if channel.reach == "robot" and header.boot_id != self._boot_id:
+                raise MessageError(f"{channel.key}: stamped in another boot")
+        except MessageError as error:
+            self.malformed += 1
+            self.faults.append(str(error))
+            return None
+        return Received(message, header, receipt_ns)
+
+
+class Node(ABC):
+    """One process's work. ``name`` is its name in the process table."""
+
+    name: str
+    trigger: Trigger
+    inputs: tuple[Channel[Any], ...] = ()
+    outputs: tuple[Channel[Any], ...] = ()
+    requests: tuple[Channel[Any], ...] = ()
+
+    def start(self, now_ns: int) -> None:  # noqa: B027 - nothing to open is a valid start
+        """Open devices.
+
+        Raises:
+            DeviceError: a device is missing or refuses; the text names it.
+        """
+
+    @abstractmethod
+    def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
+        """Do one step and return what to publish, requests and answers included."""
+
+    def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002 - overridden where time matters
+        """Bring devices to a safe end; also called after a failed step."""
+        return ()
+
+
+class DeviceError(Exception):
+    """A device that is missing, refuses or fell silent; one line that names it and what to do."""

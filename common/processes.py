@@ -1,0 +1,55 @@
+"""Every process: one table against which command line, units and compose file are tested."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from common.node import Node, NodeContext
+
+ENTRY_POINTS = "davpc.processes"
+
+
+@dataclass(frozen=True)
+class Process:
+    """One process: its name everywhere, where it runs, what makes it step and what it is for."""
+
+    name: str
+    robot: Literal["follower", "leader", "world"]
+    rate_hz: float
+    stepped_by: str
+    purpose: str
+
+    def factory(self) -> Callable[[NodeContext], Node]:
+        """The function that makes this process's node; found by name, so that no table imports a robot."""
+        (entry,) = entry_points(group=ENTRY_POINTS, name=self.name)
+        make: Callable[[NodeContext], Node] = entry.load()
+        return make
+
+
+PROCESSES: tuple[Process, ...] = (
+    Process("world", "world", 60, "timer", "simulated backend: plant, CAN drives and I/O modules, light"),
+    Process("follower-can-bridge", "follower", 100, "timer, command", "gate; CANopen to drives and inputs"),
+    Process("leader", "leader", 50, "timer, requests", "LED array, guide and lock; CANopen to the I/O module"),
+    Process("follower-camera", "follower", 60, "camera", "light → frame"),
+    Process("follower-estimator", "follower", 60, "frame", "frame → docking state"),
+    Process("follower-controller", "follower", 20, "every third docking state", "docking state → command"),
+    Process("follower-arms", "follower", 100, "drives", "handle torques, contact from joint torque"),
+    Process("follower-supervisor", "follower", 20, "timer, requests", "phases of a docking, arming"),
+)
+
+
+def process(name: str) -> Process:
+    """The process of this name.
+
+    Raises:
+        KeyError: there is none; the text lists those there are.
+    """
+    for candidate in PROCESSES:
+        if candidate.name == name:
+            return candidate
+    raise KeyError(f"no process {name!r}; there are: {', '.join(p.name for p in PROCESSES)}")
