@@ -102,6 +102,7 @@ class DockingConfig(Section):
     feature_tolerance: Positive
     heading_tolerance_deg: Positive
     settle_s: Positive
+    push_stroke_m: Positive
     lateral_bound_first_m: Positive
     lateral_bound_next_m: Positive
 

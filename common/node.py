@@ -12,16 +12,17 @@ Both promise:
 
 from __future__ import annotations
 
+import threading
 from abc import ABC, abstractmethod
-from collections import deque
-from collections.abc import Sequence
+from collections import OrderedDict, deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
 
 from common.channels import Channel
 from common.config import Config
-from common.messages import Answer, Header, Message, MessageError, decode
+from common.messages import Answer, Header, Message, MessageError, decode, encode
 
 M = TypeVar("M", bound=Message)
 Output = tuple[Channel[Any], Message]
@@ -42,10 +43,14 @@ class NodeContext:
 
 @dataclass(frozen=True)
 class Trigger:
-    """When a node steps: every ``period_ns`` (0: never by time), and whenever a channel of ``wakes`` brings news."""
+    """When a node steps: every ``period_ns`` (0: never by time), whenever a channel of ``wakes`` brings news.
+
+    ``free``: again and again without a pause, for a node whose step waits for its device.
+    """
 
     period_ns: int = 0
     wakes: tuple[Channel[Any], ...] = ()
+    free: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,12 +69,13 @@ class Inbox:
     and named once per reason in ``faults`` for the executor to log.
     """
 
-    def __init__(self, channels: Sequence[Channel[Any]], boot_id: str) -> None:
-        self._channels = {channel.key: channel for channel in channels}
+    def __init__(self, boot_id: str) -> None:
         self._boot_id = boot_id
         self._newest: dict[str, tuple[bytes, int]] = {}
         self._decoded: dict[str, tuple[bytes, Received[Any] | None]] = {}
         self._arrived: set[str] = set()
+        self._arriving: set[str] = set()
+        self._lock = threading.Lock()
         self._queues: dict[str, deque[tuple[bytes, int]]] = {}
         self.malformed = 0
         self.overflowed = 0
@@ -77,16 +83,18 @@ class Inbox:
 
     def put_state(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> None:
         """Replace the newest payload; it is decoded only when the node looks."""
-        self._newest[channel.key] = (payload, receipt_ns)
-        self._arrived.add(channel.key)
+        with self._lock:
+            self._newest[channel.key] = (payload, receipt_ns)
+            self._arriving.add(channel.key)
 
     def put_queued(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> None:
         """Append a request or an answer; beyond the backlog the oldest is dropped and counted."""
-        queue = self._queues.setdefault(channel.key, deque())
-        if len(queue) >= REQUEST_BACKLOG:
-            queue.popleft()
-            self.overflowed += 1
-        queue.append((payload, receipt_ns))
+        with self._lock:
+            queue = self._queues.setdefault(channel.key, deque())
+            if len(queue) >= REQUEST_BACKLOG:
+                queue.popleft()
+                self.overflowed += 1
+            queue.append((payload, receipt_ns))
 
     def newest(self, channel: Channel[M]) -> Received[M] | None:
         """The newest valid message ever received; its age is the caller's to judge."""
@@ -131,16 +139,14 @@ class Inbox:
         found = [self._decode(Answer, channel, *item) for item in self._take(channel.key)]
         return [received.message for received in found if received is not None]
 
-    def end_step(self) -> None:
-        """Forget what counts as arrived; executors call it after each step."""
-        self._arrived.clear()
+    def begin_step(self) -> None:
+        """What came until now counts as arrived in this step; executors call it before each step."""
+        with self._lock:
+            self._arrived, self._arriving = self._arriving, set()
 
     def _take(self, key: str) -> list[tuple[bytes, int]]:
-        queue = self._queues.get(key)
-        if not queue:
-            return []
-        taken = [queue.popleft() for _ in range(len(queue))]
-        return taken
+        with self._lock:
+            return list(self._queues.pop(key, ()))
 
     def _decode(
         self, message_type: type[Any], channel: Channel[Any], payload: bytes, receipt_ns: int
@@ -163,7 +169,7 @@ class Node(ABC):
     trigger: Trigger
     inputs: tuple[Channel[Any], ...] = ()
     outputs: tuple[Channel[Any], ...] = ()
-    requests: tuple[Channel[Any], ...] = ()
+    serves: tuple[Channel[Any], ...] = ()
 
     def start(self, now_ns: int) -> None:  # noqa: B027 - nothing to open is a valid start
         """Open devices.
@@ -183,3 +189,44 @@ class Node(ABC):
 
 class DeviceError(Exception):
     """A device that is missing, refuses or fell silent; one line that names it and what to do."""
+
+
+class Outbox:
+    """Gives a process's messages their headers: source, run, sequence per channel, stamp."""
+
+    def __init__(self, source: str, run_id: int, boot_id: str) -> None:
+        self._source, self._run_id, self._boot_id = source, run_id, boot_id
+        self._sequences: dict[str, int] = {}
+
+    def pack(self, channel: Channel[Any], message: Message, now_ns: int) -> bytes:
+        """The message's bytes as published on the channel now."""
+        sequence = self._sequences.get(channel.key, 0) + 1
+        self._sequences[channel.key] = sequence
+        return encode(message, Header(self._source, self._run_id, sequence, now_ns, self._boot_id))
+
+
+class RequestDesk:
+    """Makes requests idempotent: one id is handed to the node once, and answered the same ever after."""
+
+    def __init__(self) -> None:
+        self._answers: OrderedDict[str, bytes] = OrderedDict()
+        self._waiting: dict[str, Callable[[bytes], None]] = {}
+
+    def admit(self, request_id: str, reply: Callable[[bytes], None]) -> bool:
+        """True if the node has yet to see this request; a known one is answered, or waits on, here."""
+        known = self._answers.get(request_id)
+        if known is not None:
+            reply(known)
+            return False
+        first = request_id not in self._waiting
+        self._waiting[request_id] = reply
+        return first
+
+    def settle(self, answer: Answer, payload: bytes) -> None:
+        """Hand the node's answer to whoever waits for it, and keep it for those who ask again."""
+        self._answers[answer.id] = payload
+        while len(self._answers) > REQUEST_BACKLOG:
+            self._answers.popitem(last=False)
+        reply = self._waiting.pop(answer.id, None)
+        if reply is not None:
+            reply(payload)

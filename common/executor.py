@@ -1,0 +1,212 @@
+"""A node as a process: config → bus → ready → steps → safe stop, with one way to log, time and count."""
+
+from __future__ import annotations
+
+import logging
+import os
+import secrets
+import signal
+import socket
+import sys
+import threading
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from common.bus import Bus
+from common.channels import Channel, health_channel
+from common.config import ConfigError, load_config
+from common.messages import Answer, Health, Message, MessageError, decode
+from common.node import DeviceError, Inbox, Node, NodeContext, Outbox, RequestDesk
+from common.processes import PROCESSES, process
+from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, Schedule
+
+EXIT_BUG, EXIT_CONFIG, EXIT_DEVICE = 1, 2, 3
+REQUEST_TIMEOUT_S = 1.0
+_HEALTH_PERIOD_NS = NS_PER_S // 2
+
+
+def run_process(
+    name: str, config_path: Path, runtime: Path, overrides: Sequence[str] = (), options: dict[str, str] | None = None
+) -> int:
+    """Run one process of the table until SIGTERM or SIGINT; returns its exit code."""
+    logging.basicConfig(
+        stream=sys.stderr, level=logging.INFO, format=f"%(asctime)s {name} %(levelname)s %(message)s", force=True
+    )
+    log = logging.getLogger(name)
+    clock = MonotonicClock()
+    try:
+        context = NodeContext(
+            load_config(config_path, overrides),
+            config_path,
+            runtime,
+            secrets.randbits(62),
+            clock.boot_id,
+            options or {},
+        )
+        node = process(name).factory()(context)
+        with ProcessExecutor(node, context, clock, log) as executor:
+            return executor.run()
+    except ConfigError as error:
+        log.error("%s", error)
+        return EXIT_CONFIG
+    except DeviceError as error:
+        log.error("%s", error)
+        return EXIT_DEVICE
+    except Exception:
+        log.exception("stopped by a fault of its own")
+        return EXIT_BUG
+
+
+def earlier_processes(name: str) -> list[str]:
+    """Those that stand before ``name`` in the table; a name outside it (a station) comes after all."""
+    names = [candidate.name for candidate in PROCESSES]
+    return names[: names.index(name)] if name in names else names
+
+
+class ProcessExecutor:
+    """Runs one node on the bus in real time; a context manager that leaves nothing open."""
+
+    def __init__(self, node: Node, context: NodeContext, clock: MonotonicClock, log: logging.Logger) -> None:
+        self._node, self._clock, self._log = node, clock, log
+        self._inbox = Inbox(context.boot_id)
+        self._outbox = Outbox(node.name, context.run_id, context.boot_id)
+        self._desk = RequestDesk()
+        self._desk_lock = threading.Lock()
+        self._wake = threading.Event()
+        self._stopping = False
+        self._steps = 0
+        self._durations_ns: deque[int] = deque(maxlen=1000)
+        self._requester = ThreadPoolExecutor(max_workers=2, thread_name_prefix="request")
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._on_signal)
+        self._bus = Bus(node.name, context.runtime, earlier_processes(node.name))
+
+    def __enter__(self) -> ProcessExecutor:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._requester.shutdown(wait=False, cancel_futures=True)
+        self._bus.close()
+
+    def run(self) -> int:
+        """Start the node, step it until told to stop, stop it."""
+        self._connect()
+        try:
+            self._node.start(self._clock.now_ns())
+            self._bus.declare_alive(self._node.name)
+            notify_service_manager("READY=1")
+            self._log.info("ready")
+            self._loop()
+        finally:
+            self._publish(self._node.stop(self._clock.now_ns()))
+        self._log.info("stopped after %d steps", self._steps)
+        return 0
+
+    def stop(self) -> None:
+        """End :meth:`run` after the step under way; callable from any thread."""
+        self._stopping = True
+        self._wake.set()
+
+    def _connect(self) -> None:
+        wakes = {channel.key for channel in self._node.trigger.wakes}
+        for channel in self._node.inputs:
+            self._bus.subscribe(channel, self._receiver(channel, channel.key in wakes))
+        for channel in self._node.serves:
+            self._bus.serve(channel, self._server(channel))
+
+    def _receiver(self, channel: Channel[Any], wakes: bool) -> Any:
+        def receive(payload: bytes) -> None:
+            self._inbox.put_state(channel, payload, self._clock.now_ns())
+            if wakes:
+                self._wake.set()
+
+        return receive
+
+    def _server(self, channel: Channel[Any]) -> Any:
+        def receive(payload: bytes, reply: Any) -> None:
+            try:
+                _, message = decode(channel.message, payload)
+            except MessageError as error:
+                self._inbox.malformed += 1
+                self._inbox.faults.append(str(error))
+                return
+            with self._desk_lock:
+                new = self._desk.admit(message.id, reply)
+            if new:
+                self._inbox.put_queued(channel, payload, self._clock.now_ns())
+                self._wake.set()
+
+        return receive
+
+    def _loop(self) -> None:
+        trigger = self._node.trigger
+        schedule = Schedule(trigger.period_ns, self._clock.now_ns()) if trigger.period_ns else None
+        health_due_ns = 0
+        while not self._stopping:
+            woken = trigger.free or self._wait(schedule)
+            now_ns = self._clock.now_ns()
+            due = schedule is not None and now_ns >= schedule.deadline_ns
+            if woken or due:
+                self._step(now_ns)
+            if due and schedule is not None:
+                schedule.advance(now_ns)
+            if now_ns >= health_due_ns:
+                health_due_ns = now_ns + _HEALTH_PERIOD_NS
+                self._report(schedule.missed if schedule else 0)
+
+    def _wait(self, schedule: Schedule | None) -> bool:
+        deadline_ns = self._clock.now_ns() + _HEALTH_PERIOD_NS
+        if schedule is not None:
+            deadline_ns = min(deadline_ns, schedule.deadline_ns)
+        woken = self._wake.wait(max(0.0, (deadline_ns - self._clock.now_ns()) / NS_PER_S))
+        self._wake.clear()
+        return woken and not self._stopping
+
+    def _step(self, now_ns: int) -> None:
+        self._inbox.begin_step()
+        self._publish(self._node.step(now_ns, self._inbox))
+        self._steps += 1
+        self._durations_ns.append(self._clock.now_ns() - now_ns)
+        notify_service_manager("WATCHDOG=1")
+
+    def _publish(self, outputs: Sequence[tuple[Channel[Any], Message]]) -> None:
+        for channel, message in outputs:
+            payload = self._outbox.pack(channel, message, self._clock.now_ns())
+            if isinstance(message, Answer):
+                with self._desk_lock:
+                    self._desk.settle(message, payload)
+            elif channel.kind == "request":
+                self._requester.submit(self._ask, channel, payload)
+            else:
+                self._bus.publish(channel, payload)
+
+    def _ask(self, channel: Channel[Any], payload: bytes) -> None:
+        reply = self._bus.request(channel, payload, REQUEST_TIMEOUT_S)
+        if reply is not None:
+            self._inbox.put_queued(channel, reply, self._clock.now_ns())
+            self._wake.set()
+
+    def _report(self, missed: int) -> None:
+        while self._inbox.faults:
+            self._log.warning("dropped a message: %s", self._inbox.faults.popleft())
+        durations = sorted(self._durations_ns)
+        p99_ms = durations[int(0.99 * (len(durations) - 1))] / NS_PER_MS if durations else 0.0
+        health = Health(self._node.name, True, self._steps, missed, self._inbox.malformed, p99_ms)
+        self._publish([(health_channel(self._node.name), health)])
+
+    def _on_signal(self, number: int, _frame: object) -> None:
+        self._log.info("told to stop by %s", signal.Signals(number).name)
+        self.stop()
+
+
+def notify_service_manager(state: str) -> None:
+    """sd_notify(3): tell systemd, if it started this process, that it is ready or still well."""
+    address = os.environ.get("NOTIFY_SOCKET")
+    if not address:
+        return
+    target = "\0" + address[1:] if address.startswith("@") else address
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
+        channel.sendto(state.encode(), target)

@@ -1,0 +1,64 @@
+"""What a camera is to the camera process: real, recorded and simulated ones alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import Any, Protocol
+
+from common.channels import Channel
+from common.config import ConfigError
+from common.frame_ring import Image
+from common.node import Inbox, NodeContext, Trigger
+
+ENTRY_POINTS = "davpc.frame_sources"
+
+
+@dataclass(frozen=True)
+class Capture:
+    """What is known of an image beside its pixels; ``capture_ns`` is the middle of the exposure."""
+
+    capture_ns: int
+    exposure_us: float
+    gain: float
+    camera_id: str
+
+
+class FrameSource(Protocol):
+    """A camera. ``trigger`` says what makes the camera process step, ``inputs`` what the source listens to."""
+
+    trigger: Trigger
+    inputs: tuple[Channel[Any], ...]
+
+    def open(self) -> None:
+        """Open the device.
+
+        Raises:
+            DeviceError: it is not there or refuses; the text names it and what to do.
+        """
+
+    def grab(self, now_ns: int, inputs: Inbox, image: Image) -> Capture | None:
+        """Write the next image in place, (height, width) grey; None if there is none yet.
+
+        Raises:
+            DeviceError: the device was lost; the camera process opens it anew.
+        """
+
+    def close(self) -> None:
+        """Close the device; harmless if it is not open."""
+
+
+def frame_source(context: NodeContext) -> FrameSource:
+    """The source that the configuration names.
+
+    Raises:
+        ConfigError: no such driver; the text lists those there are.
+    """
+    driver = context.config.camera.driver
+    found = {entry.name: entry for entry in entry_points(group=ENTRY_POINTS)}
+    if driver not in found:
+        known = ", ".join(sorted(found))
+        raise ConfigError(f"{context.config_path}: camera.driver: no driver {driver!r}; there are: {known}")
+    make: Callable[[NodeContext], FrameSource] = found[driver].load()
+    return make(context)

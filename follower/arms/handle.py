@@ -1,0 +1,51 @@
+"""Holding the handle: constant torques out, force and contact from the joint torques in."""
+
+from __future__ import annotations
+
+from common.config import ArmsConfig
+from common.messages import ArmSetpoint, ArmState, Drives, Mission
+
+# the pushing force's share in an arm's three joints, shoulder first, in the holding posture
+JOINT_SHARES = (1.0, 0.6, 0.2)
+_CONTACT_SAMPLES = 5
+_RELEASE_SHARE = 0.5
+_FILTER_SHARE = 0.2
+_CLOSED_RAD, _OPEN_RAD = 0.3, 1.0
+
+
+class HandleHold:
+    """Steps at 100 Hz with each measurement of the drives."""
+
+    def __init__(self, config: ArmsConfig) -> None:
+        self._config = config
+        self._force_n = 0.0
+        self._above = 0
+        self._contact = False
+
+    def feel(self, drives: Drives) -> ArmState:
+        """Force along the handle from the shoulder torques, and contact with hysteresis.
+
+        Contact is a filtered force above the threshold for 50 ms; it ends below half of it.
+        """
+        left, right = drives.joint_torque_n_m[0], drives.joint_torque_n_m[3]
+        self._force_n += _FILTER_SHARE * ((left + right) / self._config.lever_m - self._force_n)
+        self._above = self._above + 1 if self._force_n > self._config.contact_force_n else 0
+        if self._above >= _CONTACT_SAMPLES:
+            self._contact = True
+        elif self._force_n < _RELEASE_SHARE * self._config.contact_force_n:
+            self._contact = False
+        return ArmState(
+            handle_force_n=self._force_n,
+            contact=self._contact,
+            gripped=all(angle < _CLOSED_RAD for angle in drives.grip_angle_rad),
+            released=all(angle > _OPEN_RAD for angle in drives.grip_angle_rad),
+        )
+
+    def hold(self, mission: Mission) -> ArmSetpoint:
+        """Torques that push the handle along the chassis while a trolley is held; none with open grippers."""
+        config = self._config
+        holding = mission.grip == "closed"
+        per_arm = config.pushing_force_n * config.lever_m / 2 if holding else 0.0
+        grip = config.grip_torque_n_m if holding else config.release_torque_n_m
+        joints = tuple(share * per_arm for _ in range(2) for share in JOINT_SHARES)
+        return ArmSetpoint(mission.epoch, joints, (grip, grip), config.lift_height_m)

@@ -1,0 +1,37 @@
+"""Arms process: handle torques, contact from joint torque."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from common.channels import ARM_SETPOINT, ARM_STATE, DRIVES, MISSION
+from common.node import Inbox, Node, NodeContext, Output, Trigger
+from follower.arms.handle import HandleHold
+
+
+class ArmsNode(Node):
+    """Steps with each message of the drives."""
+
+    name = "follower-arms"
+    inputs = (DRIVES, MISSION)
+    outputs = (ARM_SETPOINT, ARM_STATE)
+    trigger = Trigger(wakes=(DRIVES,))
+
+    def __init__(self, context: NodeContext) -> None:
+        self._handle = HandleHold(context.config.arms)
+
+    def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
+        """Feel always; hold only while there is a mission."""
+        drives = inputs.arrived(DRIVES)
+        if drives is None:
+            return ()
+        outputs: list[Output] = [(ARM_STATE, self._handle.feel(drives))]
+        mission = inputs.fresh(MISSION, now_ns)
+        if mission is not None:
+            outputs.append((ARM_SETPOINT, self._handle.hold(mission)))
+        return outputs
+
+
+def make(context: NodeContext) -> ArmsNode:
+    """The arms process."""
+    return ArmsNode(context)

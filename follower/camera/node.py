@@ -1,0 +1,85 @@
+"""Camera process: light → frame, through shared memory."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+from common.channels import FRAME
+from common.frame_ring import FrameRing
+from common.frame_source import FrameSource, frame_source
+from common.messages import Frame
+from common.node import DeviceError, Inbox, Node, NodeContext, Output
+from common.timing import NS_PER_S
+
+_REOPEN_NS = NS_PER_S
+_log = logging.getLogger("follower-camera")
+
+
+class CameraNode(Node):
+    """Numbers the frames, puts their pixels into the ring and publishes a note of each."""
+
+    name = "follower-camera"
+    outputs = (FRAME,)
+
+    def __init__(self, context: NodeContext, source: FrameSource) -> None:
+        self._camera = context.config.camera
+        self._runtime = context.runtime
+        self._source = source
+        self._sequence = 0
+        self._reopen_ns: int | None = None
+        self.trigger = source.trigger
+        self.inputs = source.inputs
+
+    def start(self, now_ns: int) -> None:  # noqa: ARG002 - the contract's signature
+        """Make the ring and open the camera."""
+        self._ring = FrameRing(self._runtime, self._camera.width_px, self._camera.height_px)
+        self._source.open()
+
+    def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
+        """Publish the next frame if there is one; after a lost camera try to open it once a second."""
+        if self._reopen_ns is not None:
+            if now_ns < self._reopen_ns:
+                return ()
+            self._reopen_ns = None if self._reopened() else now_ns + _REOPEN_NS
+            return ()
+        sequence = self._sequence + 1
+        try:
+            capture = self._source.grab(now_ns, inputs, self._ring.slot(sequence))
+        except DeviceError as error:
+            _log.error("%s", error)
+            self._source.close()
+            self._reopen_ns = now_ns + _REOPEN_NS
+            return ()
+        if capture is None:
+            return ()
+        self._sequence = sequence
+        frame = Frame(
+            sequence=sequence,
+            slot=self._ring.commit(sequence),
+            capture_ns=capture.capture_ns,
+            camera_id=capture.camera_id,
+            width_px=self._camera.width_px,
+            height_px=self._camera.height_px,
+            exposure_us=capture.exposure_us,
+            gain=capture.gain,
+        )
+        return ((FRAME, frame),)
+
+    def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002
+        """Close the camera."""
+        self._source.close()
+        return ()
+
+    def _reopened(self) -> bool:
+        try:
+            self._source.open()
+        except DeviceError as error:
+            _log.warning("%s", error)
+            return False
+        return True
+
+
+def make(context: NodeContext) -> CameraNode:
+    """The camera process with the configured driver."""
+    return CameraNode(context, frame_source(context))

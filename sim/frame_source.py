@@ -1,0 +1,38 @@
+"""The simulated camera: renders in the camera process what the world message says, one frame per exposure."""
+
+from __future__ import annotations
+
+from common.frame_ring import Image
+from common.frame_source import Capture
+from common.geometry import Pose2
+from common.node import Inbox, NodeContext, Trigger
+from sim.optics import Optics, View
+from sim.world_config import world_config
+from sim.world_message import WORLD
+
+
+class SimulatedFrameSource:
+    """A frame source whose light is computed; exposure and gain come from the configuration."""
+
+    trigger = Trigger(wakes=(WORLD,))
+    inputs = (WORLD,)
+
+    def __init__(self, context: NodeContext) -> None:
+        self._camera = context.config.camera
+        seed = world_config(context.config, str(context.config_path)).seed
+        self._optics = Optics(self._camera, context.config.leds, seed)
+
+    def open(self) -> None:
+        """Nothing to open."""
+
+    def grab(self, now_ns: int, inputs: Inbox, image: Image) -> Capture | None:  # noqa: ARG002 - light has its own time
+        """Render the newest exposure if there is one since the last step."""
+        world = inputs.arrived(WORLD)
+        if world is None:
+            return None
+        relative = Pose2(world.x_m, world.y_m, world.theta_rad).inverse()
+        self._optics.render(image, View(world.sequence, relative, world.led_current_a))
+        return Capture(world.time_ns, self._camera.exposure_us, self._camera.gain, "simulated")
+
+    def close(self) -> None:
+        """Nothing to close."""

@@ -1,0 +1,138 @@
+"""The stepped executor: many nodes in one process, in time that moves from event to event.
+
+Deterministic for a seed and many times faster than real time. Messages are encoded and decoded as on the wire
+and arrive after configured delays; what a step publishes leaves it after the node's configured duration.
+Not modelled: jitter, lost messages, and two nodes that compete for a core.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from common.channels import Channel
+from common.messages import Answer, Message
+from common.node import Inbox, Node, Outbox, RequestDesk
+from common.timing import NS_PER_MS, SteppedClock
+
+TRANSPORT_DELAY_NS = NS_PER_MS // 3
+DURATION_NS: Mapping[str, int] = {
+    "follower-camera": 2 * NS_PER_MS,
+    "follower-estimator": 2 * NS_PER_MS,
+    "follower-controller": 5 * NS_PER_MS,
+}
+
+
+@dataclass
+class _Running:
+    node: Node
+    inbox: Inbox
+    outbox: Outbox
+    desk: RequestDesk = field(default_factory=RequestDesk)
+    due: bool = False
+
+
+class SteppedExecutor:
+    """Runs nodes in the order of their events; ties in the order in which the events were made.
+
+    Args:
+        nodes: started in this order, stopped in reverse.
+        clock: moved on by the executor alone; simulated devices may read it.
+    """
+
+    def __init__(self, nodes: Sequence[Node], clock: SteppedClock) -> None:
+        self._clock = clock
+        self._running = [
+            _Running(node, Inbox(clock.boot_id), Outbox(node.name, number, clock.boot_id))
+            for number, node in enumerate(nodes, start=1)
+        ]
+        self._events: list[tuple[int, int, Callable[[], None]]] = []
+        self._order = itertools.count()
+        self._started = False
+
+    def __enter__(self) -> SteppedExecutor:
+        self._started = True
+        for running in self._running:
+            running.node.start(self._clock.now_ns())
+            if running.node.trigger.period_ns:
+                self._at(self._clock.now_ns(), partial(self._periodic, running))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for running in reversed(self._running):
+            running.node.stop(self._clock.now_ns())
+
+    def run(self, until_ns: int, finished: Callable[[], bool] = lambda: False) -> None:
+        """Serve events up to ``until_ns`` or until ``finished()`` holds after one."""
+        while self._events and self._events[0][0] <= until_ns and not finished():
+            time_ns, _, work = heapq.heappop(self._events)
+            self._clock.advance_to(time_ns)
+            work()
+
+    @property
+    def malformed(self) -> int:
+        """Messages that a node could not decode."""
+        return sum(running.inbox.malformed for running in self._running)
+
+    def _at(self, time_ns: int, work: Callable[[], None]) -> None:
+        heapq.heappush(self._events, (time_ns, next(self._order), work))
+
+    def _periodic(self, running: _Running) -> None:
+        self._at(self._clock.now_ns() + running.node.trigger.period_ns, partial(self._periodic, running))
+        self._step(running)
+
+    def _wake(self, running: _Running) -> None:
+        """One step for all that arrived at this instant."""
+        if not running.due:
+            running.due = True
+            self._at(self._clock.now_ns(), partial(self._woken, running))
+
+    def _woken(self, running: _Running) -> None:
+        running.due = False
+        self._step(running)
+
+    def _step(self, running: _Running) -> None:
+        now_ns = self._clock.now_ns()
+        running.inbox.begin_step()
+        outputs = running.node.step(now_ns, running.inbox)
+        leaves_ns = now_ns + DURATION_NS.get(running.node.name, 0)
+        for channel, message in outputs:
+            self._at(leaves_ns, partial(self._send, running, channel, message))
+
+    def _send(self, sender: _Running, channel: Channel[Any], message: Message) -> None:
+        now_ns = self._clock.now_ns()
+        payload = sender.outbox.pack(channel, message, now_ns)
+        arrives_ns = now_ns + TRANSPORT_DELAY_NS
+        if isinstance(message, Answer):
+            sender.desk.settle(message, payload)
+        elif channel.kind == "request":
+            self._at(arrives_ns, partial(self._ask, sender, channel, message, payload))
+        else:
+            for receiver in self._running:
+                if any(channel.key == wanted.key for wanted in receiver.node.inputs):
+                    self._at(arrives_ns, partial(self._deliver, receiver, channel, payload))
+
+    def _deliver(self, receiver: _Running, channel: Channel[Any], payload: bytes) -> None:
+        receiver.inbox.put_state(channel, payload, self._clock.now_ns())
+        if any(channel.key == wakes.key for wakes in receiver.node.trigger.wakes):
+            self._wake(receiver)
+
+    def _ask(self, asker: _Running, channel: Channel[Any], message: Any, payload: bytes) -> None:
+        for server in self._running:
+            if any(channel.key == served.key for served in server.node.serves):
+
+                def reply(answer: bytes) -> None:
+                    arrives_ns = self._clock.now_ns() + TRANSPORT_DELAY_NS
+                    self._at(arrives_ns, partial(self._answered, asker, channel, answer))
+
+                if server.desk.admit(message.id, reply):
+                    server.inbox.put_queued(channel, payload, self._clock.now_ns())
+                    self._wake(server)
+
+    def _answered(self, asker: _Running, channel: Channel[Any], answer: bytes) -> None:
+        asker.inbox.put_queued(channel, answer, self._clock.now_ns())
+        self._wake(asker)

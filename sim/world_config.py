@@ -1,0 +1,47 @@
+"""The plant's parameters: the table ``[world]`` of the configuration, which only the simulated backend reads."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field
+
+from common.config import Config, NonNegative, Positive, Section, validate
+from common.geometry import Pose2, pose_from_paper_start
+
+
+class WorldConfig(Section):
+    """Plant, trolley, guide and servers of the simulated backend."""
+
+    seed: Annotated[int, Field(ge=0)]
+    start: Annotated[tuple[float, float, float], Field(description="metres behind, metres, degrees")]
+    wheel_lag_s: Annotated[float, Field(gt=0, le=1)] = 0.10
+    load_gain: Annotated[float, Field(gt=-0.5, le=0)] = -0.10
+    trolley_mass_kg: Positive = 15.0
+    rolling_resistance: NonNegative = 0.02
+    handle_x_m: Positive = 0.45
+    handle_to_beam_m: Positive = 0.90
+    handle_stiffness_n_m: Positive = 3000.0
+    handle_damping_n_s_m: Positive = 300.0
+    traction_limit_n: Positive = 220.0
+    guide_ramp_m: tuple[float, float] = (-0.10, 0.0)
+    guide_force_n: Positive = 45.0
+    stop_stiffness_n_m: Positive = 40_000.0
+    lock_travel_s: Positive = 1.5
+    can_server_fd: int = -1
+
+    @property
+    def start_pose(self) -> Pose2:
+        """Follower in {L} at the start."""
+        x_m, y_m, theta_deg = self.start
+        return pose_from_paper_start(x_m, y_m, math.radians(theta_deg))
+
+
+def world_config(config: Config, origin: str) -> WorldConfig:
+    """The checked ``[world]`` table.
+
+    Raises:
+        ConfigError: it is missing or wrong.
+    """
+    return validate(WorldConfig, config.world, f"{origin}: [world]")
