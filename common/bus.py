@@ -77,6 +77,12 @@ class Bus:
         self._declared.append(subscriber)
         self._spawn(channel.key, lambda: _drain(subscriber, on_payload))
 
+    def stream(self, channel: Channel[Any], on_payload: OnPayload) -> None:
+        """Hand on every payload of a channel, in order: for recording; up to 1000 wait for the reader."""
+        subscriber = self._session.declare_subscriber(self.key(channel), zenoh.handlers.FifoChannel(1000))
+        self._declared.append(subscriber)
+        self._spawn(channel.key, lambda: _drain(subscriber, on_payload))
+
     def serve(self, channel: Channel[Any], on_request: OnRequest) -> None:
         """Hand on each request with a function that answers it, from a thread of its own."""
         queryable = self._session.declare_queryable(self.key(channel), zenoh.handlers.FifoChannel(64))

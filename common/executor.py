@@ -28,9 +28,7 @@ REQUEST_TIMEOUT_S = 1.0
 _HEALTH_PERIOD_NS = NS_PER_S // 2
 
 
-def run_process(
-    name: str, config_path: Path, runtime: Path, overrides: Sequence[str] = (), options: dict[str, str] | None = None
-) -> int:
+def run_process(name: str, config_path: Path, runtime: Path, overrides: Sequence[str] = ()) -> int:
     """Run one process of the table until SIGTERM or SIGINT; returns its exit code."""
     logging.basicConfig(
         stream=sys.stderr, level=logging.INFO, format=f"%(asctime)s {name} %(levelname)s %(message)s", force=True
@@ -38,14 +36,8 @@ def run_process(
     log = logging.getLogger(name)
     clock = MonotonicClock()
     try:
-        context = NodeContext(
-            load_config(config_path, overrides),
-            config_path,
-            runtime,
-            secrets.randbits(62),
-            clock.boot_id,
-            options or {},
-        )
+        config = load_config(config_path, overrides)
+        context = NodeContext(config, config_path, runtime, secrets.randbits(62), clock)
         node = process(name).factory()(context)
         with ProcessExecutor(node, context, clock, log) as executor:
             return executor.run()
@@ -71,8 +63,8 @@ class ProcessExecutor:
 
     def __init__(self, node: Node, context: NodeContext, clock: MonotonicClock, log: logging.Logger) -> None:
         self._node, self._clock, self._log = node, clock, log
-        self._inbox = Inbox(context.boot_id)
-        self._outbox = Outbox(node.name, context.run_id, context.boot_id)
+        self._inbox = Inbox(clock.boot_id)
+        self._outbox = Outbox(node.name, context.run_id, clock.boot_id)
         self._desk = RequestDesk()
         self._desk_lock = threading.Lock()
         self._wake = threading.Event()

@@ -16,13 +16,14 @@ import threading
 from abc import ABC, abstractmethod
 from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
 
 from common.channels import Channel
 from common.config import Config
 from common.messages import Answer, Header, Message, MessageError, decode, encode
+from common.timing import Clock
 
 M = TypeVar("M", bound=Message)
 Output = tuple[Channel[Any], Message]
@@ -31,14 +32,16 @@ REQUEST_BACKLOG = 64
 
 @dataclass(frozen=True)
 class NodeContext:
-    """What a node is made from: the configuration, and what only this run knows."""
+    """What a node is made from: the configuration, and what only this run knows.
+
+    ``clock`` is for nodes whose device or deadline needs the time within a step; algorithms get ``now_ns``.
+    """
 
     config: Config
     config_path: Path
     runtime: Path
     run_id: int
-    boot_id: str
-    options: dict[str, str] = field(default_factory=dict)
+    clock: Clock
 
 
 @dataclass(frozen=True)

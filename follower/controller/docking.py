@@ -1,0 +1,93 @@
+"""Docking state and mission in, velocity command out: the step of Algorithm 1 that chooses u_F."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.config import Config
+from common.geometry import Array, Pose2, features_at, move_relative
+from common.messages import DockingState, Mission
+from common.timing import NS_PER_MS, NS_PER_S
+from follower.controller.interface import Plan, PredictiveController, SpeedCaps
+
+MAX_REPLAYED_PLANS = 2
+
+
+@dataclass(frozen=True)
+class Twist:
+    """A velocity of {F} and how it came about."""
+
+    v_m_s: float
+    w_rad_s: float
+    source: str
+
+
+ZERO = Twist(0.0, 0.0, "hold")
+
+
+class DockingController:
+    """Steps at the control period.
+
+    A plan that failed is bridged by the last good one for two periods; after that the robot holds.
+    """
+
+    def __init__(self, config: Config, solver: PredictiveController) -> None:
+        self._config = config
+        self._solver = solver
+        self._plan: Plan | None = None
+        self._replayed = 0
+        self._last = (0.0, 0.0)
+
+    def step(self, now_ns: int, state: DockingState, mission: Mission | None) -> Twist:
+        """The twist to command now."""
+        if mission is None or not mission.armed or mission.motion == "hold":
+            self._plan = None
+            self._last = (0.0, 0.0)
+            return ZERO
+        if mission.motion == "straight":
+            self._plan = None
+            twist = Twist(self._towards(mission.straight_speed_m_s), 0.0, "straight")
+        elif not state.valid:
+            twist = self._replay("state invalid")
+        else:
+            twist = self._servo(now_ns, state, mission)
+        self._last = (twist.v_m_s, twist.w_rad_s)
+        return twist
+
+    def _servo(self, now_ns: int, state: DockingState, mission: Mission) -> Twist:
+        limits = self._config.limits
+        pose, features, theta_rad = self._at_effect(now_ns, state)
+        caps = SpeedCaps(
+            limits.v_min_m_s, min(limits.v_max_m_s, mission.v_max_m_s), min(limits.w_max_rad_s, mission.w_max_rad_s)
+        )
+        desired = np.array(mission.desired_features)
+        plan = self._solver.solve(pose, features, theta_rad, desired, mission.goal_theta_rad, self._last, caps)
+        if not plan.usable:
+            return self._replay(plan.status.value)
+        self._plan, self._replayed = plan, 0
+        return Twist(*plan.first, "solved")
+
+    def _at_effect(self, now_ns: int, state: DockingState) -> tuple[Pose2, Array, float]:
+        """The filtered state moved on, by the last command, to when the next command takes effect."""
+        captured = Pose2(state.x_m, state.y_m, state.theta_rad)
+        age_s = (now_ns - state.capture_ns + self._config.base.latency_ms * NS_PER_MS) / NS_PER_S
+        pose = move_relative(captured, *self._last, age_s)
+        return pose, self._features(pose), pose.theta_rad
+
+    def _features(self, pose: Pose2) -> Array:
+        return features_at(self._config.leds.points, pose, self._config.camera.mount)
+
+    def _replay(self, reason: str) -> Twist:
+        self._replayed += 1
+        if self._plan is None or self._replayed > MAX_REPLAYED_PLANS:
+            self._plan = None
+            return Twist(0.0, 0.0, f"hold: {reason}")
+        k = self._replayed
+        return Twist(float(self._plan.v_m_s[k]), float(self._plan.w_rad_s[k]), f"previous plan: {reason}")
+
+    def _towards(self, speed_m_s: float) -> float:
+        """Within one step of the rate limit from the last command."""
+        step = self._config.limits.controller_dv_m_s
+        return self._last[0] + min(step, max(-step, speed_m_s - self._last[0]))

@@ -1,0 +1,74 @@
+"""Controller process: docking state → command, on every third state."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+from common.channels import COMMAND, DOCKING_STATE, MISSION
+from common.messages import Command, DockingState, seal_command
+from common.node import Inbox, Node, NodeContext, Output, Trigger
+from common.timing import NS_PER_MS
+from follower.controller.docking import DockingController, Twist
+from follower.controller.interface import make_controller
+
+STATES_PER_COMMAND = 3
+_log = logging.getLogger("follower-controller")
+
+
+class ControllerNode(Node):
+    """Keeps the paper's node synchronisation: 60 Hz states, 20 Hz commands, each from its state."""
+
+    name = "follower-controller"
+    inputs = (DOCKING_STATE, MISSION)
+    outputs = (COMMAND,)
+    trigger = Trigger(wakes=(DOCKING_STATE,))
+
+    def __init__(self, context: NodeContext) -> None:
+        self._clock = context.clock
+        self._solver = make_controller(context.config)
+        self._controller = DockingController(context.config, self._solver)
+        self._deadline_ns = round(context.config.controller.deadline_ms * NS_PER_MS)
+        self._last_stepped = -STATES_PER_COMMAND
+        self._sequence = 0
+
+    def start(self, now_ns: int) -> None:  # noqa: ARG002 - the contract's signature
+        """Solve once before anything can be armed: the first solve takes many times the later ones."""
+        self._solver.warm_up()
+
+    def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
+        """A command on every third state; none if the solve took longer than its deadline."""
+        received = inputs.newest(DOCKING_STATE)
+        if received is None:
+            return ()
+        number = received.header.sequence
+        if 0 <= number - self._last_stepped < STATES_PER_COMMAND:
+            return ()
+        self._last_stepped = number
+        twist = self._controller.step(now_ns, received.message, inputs.fresh(MISSION, now_ns))
+        done_ns = self._clock.now_ns()
+        if done_ns - now_ns > self._deadline_ns:
+            _log.warning("a solve of %.0f ms is dropped", (done_ns - now_ns) / NS_PER_MS)
+            return ()
+        mission = inputs.newest(MISSION)
+        epoch = mission.message.epoch if mission else 0
+        return ((COMMAND, self._command(twist, epoch, received.message, done_ns)),)
+
+    def _command(self, twist: Twist, epoch: int, state: DockingState, now_ns: int) -> Command:
+        self._sequence += 1
+        command = Command(
+            v_m_s=twist.v_m_s,
+            w_rad_s=twist.w_rad_s,
+            epoch=epoch,
+            sequence=self._sequence,
+            stamp_ns=now_ns,
+            valid_until_ns=now_ns + COMMAND.max_age_ns,
+            frame_sequence=state.frame_sequence,
+            capture_ns=state.capture_ns,
+        )
+        return seal_command(command)
+
+
+def make(context: NodeContext) -> ControllerNode:
+    """The controller process with the configured method and solver."""
+    return ControllerNode(context)

@@ -1,0 +1,201 @@
+"""What one docking leaves behind: samples of what was true, seen and commanded, and the result drawn from them."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from common.channels import ARM_STATE, COMMAND, DOCKING_STATE, DRIVES, FRAME, LEADER_STATE, MISSION, Channel
+from common.config import Config
+from common.frame_ring import FrameReader, Image
+from common.geometry import Array, Pose2, features_at, wrap_angle
+from common.messages import ArmState, Command, DockingState, Drives, Frame, LeaderState, Mission, Phase
+from common.timing import NS_PER_MS, NS_PER_S
+
+PICTURE_DISTANCE_M = 2.2
+_PICTURE_WINDOW_M = 1.5
+
+
+@dataclass(frozen=True)
+class TrueSample:
+    """True Follower pose in {L} and twist at a time."""
+
+    time_ns: int
+    pose: Pose2
+    v_m_s: float
+    w_rad_s: float
+
+
+@dataclass
+class DockingRecord:
+    """Collects one docking's messages; ``take`` each as it comes, in the order of its channel.
+
+    Channels of the simulated world bring the truth through :meth:`take_truth`; without it the errors are None.
+    """
+
+    config: Config
+    runtime: Path
+    truth: list[TrueSample] = field(default_factory=list)
+    states: list[DockingState] = field(default_factory=list)
+    commands: list[Command] = field(default_factory=list)
+    phases: list[tuple[Phase, int]] = field(default_factory=list)
+    image_to_can_ms: list[float] = field(default_factory=list)
+    picture: tuple[Image, DockingState] | None = None
+    mission: Mission | None = None
+    drives: Drives | None = None
+    arms: ArmState | None = None
+    leader: LeaderState | None = None
+    _frames: deque[Frame] = field(default_factory=lambda: deque(maxlen=6))
+    _reader: FrameReader | None = None
+    _approach_commands: list[Command] = field(default_factory=list)
+
+    CHANNELS = (FRAME, DOCKING_STATE, MISSION, COMMAND, DRIVES, ARM_STATE, LEADER_STATE)
+
+    @property
+    def phase(self) -> Phase:
+        """The supervisor's phase, as last heard."""
+        return self.mission.phase if self.mission else "idle"
+
+    def take(self, channel: Channel[Any], message: Any, stamp_ns: int) -> None:
+        """Take one message of :attr:`CHANNELS`, published at ``stamp_ns``."""
+        match message:
+            case Frame():
+                self._frames.append(message)
+            case DockingState():
+                self.states.append(message)
+                self._photograph(message)
+            case Mission():
+                self.mission = message
+                if not self.phases or self.phases[-1][0] != message.phase:
+                    self.phases.append((message.phase, stamp_ns))
+            case Command():
+                self.commands.append(message)
+                if self.phase == "approach":
+                    self._approach_commands.append(message)
+            case Drives():
+                self._time_command(message)
+                self.drives = message
+            case ArmState():
+                self.arms = message
+            case LeaderState():
+                self.leader = message
+            case _:
+                raise TypeError(f"{channel.key} is not recorded")
+
+    def take_truth(self, sample: TrueSample) -> None:
+        """Take one sample of the world."""
+        self.truth.append(sample)
+
+    def _photograph(self, state: DockingState) -> None:
+        """Keep the first frame of the last metres for which both pixels and state are at hand."""
+        if self.picture is not None or not state.valid or state.x_m > self._goal().x_m + PICTURE_DISTANCE_M:
+            return
+        for frame in self._frames:
+            if frame.sequence == state.frame_sequence:
+                self._reader = self._reader or FrameReader(self.runtime)
+                image = self._reader.read(frame)
+                if image is not None:
+                    self.picture = (image, state)
+
+    def _time_command(self, drives: Drives) -> None:
+        before = self.drives.command_sequence if self.drives else 0
+        if drives.command_sequence != before and drives.image_to_can_ns and self.phase == "approach":
+            self.image_to_can_ms.append(drives.image_to_can_ns / NS_PER_MS)
+
+    def _goal(self) -> Pose2:
+        return self.config.docking.goal(self.mission.trolley if self.mission else 1)
+
+    # --- what came out
+
+    def phase_start_ns(self, phase: Phase) -> int | None:
+        """When the phase was first announced."""
+        return next((stamp for name, stamp in self.phases if name == phase), None)
+
+    def end_of_approach(self) -> TrueSample | None:
+        """The truth when the push began, before contact; the last sample if it never did."""
+        if not self.truth:
+            return None
+        push_ns = self.phase_start_ns("push")
+        before = [sample for sample in self.truth if push_ns is None or sample.time_ns <= push_ns]
+        return before[-1] if before else self.truth[0]
+
+    def errors(self) -> dict[str, float | None]:
+        """True errors at the end of the approach: the paper's E_p and E_s."""
+        sample = self.end_of_approach()
+        if sample is None:
+            return dict.fromkeys(("e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px"))
+        goal = self._goal()
+        wanted = goal.inverse()
+        relative = sample.pose.inverse()
+        return {
+            "e_x_cm": 100 * abs(sample.pose.x_m - wanted.x_m),
+            "e_y_cm": 100 * abs(sample.pose.y_m - wanted.y_m),
+            "e_theta_deg": math.degrees(abs(wrap_angle(relative.theta_rad - goal.theta_rad))),
+            "e_p_px": float(np.sqrt(((self._pixels(relative) - self._pixels(goal)) ** 2).sum(axis=1).mean())),
+        }
+
+    def _pixels(self, relative: Pose2) -> Array:
+        camera = self.config.camera
+        return camera.pinhole.to_pixels(features_at(self.config.leds.points, relative, camera.mount))
+
+    def smoothness(self) -> tuple[float, float]:
+        """M_sm: root mean square of the change of v and of ω from command to command, in the approach."""
+        twists = np.array([(command.v_m_s, command.w_rad_s) for command in self._approach_commands])
+        if len(twists) < 2:
+            return 0.0, 0.0
+        m_v, m_w = np.sqrt((np.diff(twists, axis=0) ** 2).mean(axis=0))
+        return float(m_v), float(m_w)
+
+    def control_rate_hz(self) -> float:
+        """Commands a second in the approach."""
+        stamps = [command.stamp_ns for command in self._approach_commands]
+        return (len(stamps) - 1) * NS_PER_S / (stamps[-1] - stamps[0]) if len(stamps) > 1 else 0.0
+
+    def results(self, cause: str) -> dict[str, Any]:
+        """The content of ``results.json``; ``cause`` is what ended the run, if not the docking itself."""
+        errors = self.errors()
+        bound_cm = 100 * self.config.docking.lateral_bound_first_m
+        lateral_cm = errors["e_y_cm"]
+        locked = self.leader is not None and self.leader.lock == "locked"
+        within = lateral_cm is not None and lateral_cm <= bound_cm
+        connected = locked and within and self.phase == "done" and not cause
+        start_ns = self.phase_start_ns("acquire")
+        end_ns = self.phases[-1][1] if self.phases else 0
+        m_v, m_w = self.smoothness()
+        last = self.states[-1] if self.states else None
+        latency = np.array(self.image_to_can_ms) if self.image_to_can_ms else None
+        reason = cause or (self.mission.cause if self.mission else "") or ("docked" if connected else "not_docked")
+        return {
+            "connected": connected,
+            "cause": reason,
+            "metrics": {
+                **errors,
+                "m_v": m_v,
+                "m_w": m_w,
+                "duration_s": (end_ns - start_ns) / NS_PER_S if start_ns is not None else 0.0,
+            },
+            "frames": {
+                "seen": last.frames_seen if last else 0,
+                "dropped": last.frames_dropped if last else 0,
+            },
+            "image_to_can_ms": {
+                "p50": float(np.percentile(latency, 50)) if latency is not None else None,
+                "p99": float(np.percentile(latency, 99)) if latency is not None else None,
+            },
+            "control_hz": self.control_rate_hz(),
+            "gate_interventions": self.drives.gate_interventions if self.drives else 0,
+            "phases_s": self._phase_durations(),
+        }
+
+    def _phase_durations(self) -> dict[str, float]:
+        following = [stamp for _, stamp in self.phases[1:]]
+        return {
+            name: (end_ns - start_ns) / NS_PER_S
+            for (name, start_ns), end_ns in zip(self.phases, following, strict=False)
+            if name != "idle"
+        }
