@@ -1,0 +1,1 @@
+"""DockingState → Command: prediction model, predictive control, disturbance compensation."""

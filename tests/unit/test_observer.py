@@ -1,0 +1,113 @@
+"""The relative observer: its derivatives, its accuracy and consistency, and what it refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.config import Config, default_config_path, load_config
+from common.geometry import Array, Pose2, features_at, move_relative
+from follower.estimator.observer import RelativeObserver, feature_jacobian, motion_jacobians
+
+CONFIG = load_config(default_config_path())
+POINTS, CAMERA = CONFIG.leds.points, CONFIG.camera.mount
+SIGMA = 3.0 / CONFIG.camera.lens.fx_px
+FRAME_NS = 16_666_667
+
+
+def make(config: Config = CONFIG) -> RelativeObserver:
+    return RelativeObserver(POINTS, CAMERA, config.estimator)
+
+
+def features(pose: Pose2) -> Array:
+    return features_at(POINTS, pose, CAMERA)
+
+
+poses = st.builds(Pose2, st.floats(1.3, 8.0), st.floats(-1.0, 1.0), st.floats(-0.6, 0.6))
+
+
+@given(poses)
+def test_feature_jacobian_is_the_derivative(pose: Pose2) -> None:
+    step = 1e-6
+    columns = []
+    for axis in np.eye(3):
+        ahead = features(Pose2(*(pose.as_array() + step * axis)))
+        behind = features(Pose2(*(pose.as_array() - step * axis)))
+        columns.append((ahead - behind).reshape(-1) / (2 * step))
+    np.testing.assert_allclose(feature_jacobian(POINTS, pose, CAMERA), np.array(columns).T, atol=1e-7)
+
+
+@given(poses, st.floats(-0.1, 0.5), st.floats(-0.6, 0.6))
+def test_motion_jacobians_are_the_derivatives(pose: Pose2, v: float, w: float) -> None:
+    step, duration = 1e-5, 0.05
+    by_pose, by_twist = motion_jacobians(pose.as_array(), v, w, duration)
+    for i, axis in enumerate(np.eye(3)):
+        ahead = move_relative(Pose2(*(pose.as_array() + step * axis)), v, w, duration).as_array()
+        behind = move_relative(Pose2(*(pose.as_array() - step * axis)), v, w, duration).as_array()
+        np.testing.assert_allclose(by_pose[:, i], (ahead - behind) / (2 * step), atol=1e-8)
+    for i, (dv, dw) in enumerate(step * np.eye(2)):
+        ahead = move_relative(pose, v + dv, w + dw, duration).as_array()
+        behind = move_relative(pose, v - dv, w - dw, duration).as_array()
+        np.testing.assert_allclose(by_twist[:, i], (ahead - behind) / (2 * step), atol=1e-7)
+
+
+def run(observer: RelativeObserver, truth: Pose2, frames: int, seed: int, v: float = 0.1, w: float = 0.02) -> Pose2:
+    """Drive along and observe; returns the true pose at the end."""
+    rng = np.random.default_rng(seed)
+    for k in range(1, frames + 1):
+        truth = move_relative(truth, v, w, FRAME_NS * 1e-9)
+        observer.predict(k * FRAME_NS, v, w)
+        observer.update(features(truth) + SIGMA * rng.standard_normal((len(POINTS), 2)), SIGMA)
+    return truth
+
+
+def test_filtering_beats_one_frame_by_far_and_the_covariance_tells_how_far() -> None:
+    normalised = []
+    for seed in range(20):
+        observer = make()
+        observer.reset(Pose2(3.2, 0.3, 0.15), np.diag([0.04, 0.04, 0.01]), 0)
+        truth = run(observer, Pose2(3.0, 0.2, 0.1), 240, seed)
+        error = observer.pose.as_array() - truth.as_array()
+        normalised.append(error @ np.linalg.solve(observer.covariance, error))
+        assert abs(error[1]) < 0.02
+    assert 1.0 < np.mean(normalised) < 5.0  # three degrees of freedom
+
+
+def test_an_outlier_is_refused_and_the_rest_used() -> None:
+    observer, pose = make(), Pose2(2.0, 0.0, 0.0)
+    observer.reset(pose, 1e-4 * np.eye(3), 0)
+    seen = features(pose)
+    seen[1] += 0.3
+    used = observer.update(seen, SIGMA)
+    assert used.tolist() == [True, False, True, True]
+    np.testing.assert_allclose(observer.pose.as_array(), pose.as_array(), atol=1e-9)
+
+
+def test_unseen_points_are_left_out() -> None:
+    observer, pose = make(), Pose2(2.0, 0.0, 0.0)
+    observer.reset(pose, 1e-2 * np.eye(3), 0)
+    before = observer.covariance
+    nothing = np.full((4, 2), np.nan)
+    assert not observer.update(nothing, SIGMA).any()
+    np.testing.assert_array_equal(observer.covariance, before)
+    seen = features(pose)
+    seen[0] = np.nan
+    assert observer.update(seen, SIGMA).tolist() == [False, True, True, True]
+    assert np.trace(observer.covariance) < np.trace(before)
+
+
+def test_time_does_not_go_back() -> None:
+    observer = make()
+    observer.reset(Pose2(2.0, 0.0, 0.0), np.eye(3), 100)
+    with pytest.raises(ValueError, match="cannot go back"):
+        observer.predict(99, 0.0, 0.0)
+
+
+def test_pose_at_is_where_the_wheels_bring_it() -> None:
+    observer = make()
+    observer.reset(Pose2(3.0, 0.2, 0.1), np.eye(3), 0)
+    expected = move_relative(Pose2(3.0, 0.2, 0.1), 0.3, -0.2, 0.05)
+    ahead = observer.pose_at(50_000_000, 0.3, -0.2)
+    np.testing.assert_allclose(ahead.as_array(), expected.as_array())
