@@ -16,6 +16,7 @@ mpl.use("Agg")
 
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 _PHASE_COLOURS: dict[Phase, str] = {
     "acquire": "0.9",
@@ -99,7 +100,7 @@ def draw_camera_frame(record: DockingRecord, path: Path) -> Path:
     image, state = record.picture
     canvas = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
     pinhole = record.config.camera.pinhole
-    goal_pixels = record._pixels(record.config.docking.goal(1))
+    goal_pixels = record.pixels(record.config.docking.goal(1))
     for n, pixel in enumerate(goal_pixels):
         cv2.circle(canvas, _corner(pixel), 4, (120, 120, 120), 1, cv2.LINE_AA)
         if n < len(state.features_filtered):
@@ -111,7 +112,8 @@ def draw_camera_frame(record: DockingRecord, path: Path) -> Path:
             cv2.circle(canvas, _corner(pixel), 16, (80, 255, 80), 2, cv2.LINE_AA)
             at = (_corner(pixel)[0] + 20, _corner(pixel)[1] - 12)
             cv2.putText(canvas, f"LED {n}", at, cv2.FONT_HERSHEY_SIMPLEX, 0.6, (80, 255, 80), 1, cv2.LINE_AA)
-    text = f"frame {state.frame_sequence}  x {state.x_m:.2f} m  y {state.y_m:+.3f} m  theta {np.degrees(state.theta_rad):+.2f} deg"
+    pose = f"x {state.x_m:.2f} m  y {state.y_m:+.3f} m  theta {np.degrees(state.theta_rad):+.2f} deg"
+    text = f"frame {state.frame_sequence}  {pose}"
     cv2.putText(canvas, text, (16, 32), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (255, 255, 255), 1, cv2.LINE_AA)
     if not cv2.imwrite(str(path), canvas):
         raise OSError(f"{path}: the picture could not be written")
@@ -145,7 +147,7 @@ def _corner(pixel: np.ndarray) -> tuple[int, int]:
     return round(float(pixel[0])), round(float(pixel[1]))
 
 
-def _save(figure: plt.Figure, path: Path) -> Path:
+def _save(figure: Figure, path: Path) -> Path:
     figure.savefig(path, dpi=110)
     plt.close(figure)
     return path

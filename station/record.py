@@ -6,7 +6,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -50,11 +50,20 @@ class DockingRecord:
     drives: Drives | None = None
     arms: ArmState | None = None
     leader: LeaderState | None = None
+    newest_stamp_ns: int = 0
     _frames: deque[Frame] = field(default_factory=lambda: deque(maxlen=6))
     _reader: FrameReader | None = None
     _approach_commands: list[Command] = field(default_factory=list)
 
-    CHANNELS = (FRAME, DOCKING_STATE, MISSION, COMMAND, DRIVES, ARM_STATE, LEADER_STATE)
+    CHANNELS: ClassVar[tuple[Channel[Any], ...]] = (
+        FRAME,
+        DOCKING_STATE,
+        MISSION,
+        COMMAND,
+        DRIVES,
+        ARM_STATE,
+        LEADER_STATE,
+    )
 
     @property
     def phase(self) -> Phase:
@@ -63,6 +72,7 @@ class DockingRecord:
 
     def take(self, channel: Channel[Any], message: Any, stamp_ns: int) -> None:
         """Take one message of :attr:`CHANNELS`, published at ``stamp_ns``."""
+        self.newest_stamp_ns = max(self.newest_stamp_ns, stamp_ns)
         match message:
             case Frame():
                 self._frames.append(message)
@@ -91,9 +101,14 @@ class DockingRecord:
         """Take one sample of the world."""
         self.truth.append(sample)
 
+    def release(self) -> None:
+        """Let go of the run's shared memory."""
+        self._reader = None
+        self._frames.clear()
+
     def _photograph(self, state: DockingState) -> None:
         """Keep the first frame of the last metres for which both pixels and state are at hand."""
-        if self.picture is not None or not state.valid or state.x_m > self._goal().x_m + PICTURE_DISTANCE_M:
+        if self.picture is not None or not state.valid or state.x_m > self.goal().x_m + PICTURE_DISTANCE_M:
             return
         for frame in self._frames:
             if frame.sequence == state.frame_sequence:
@@ -107,7 +122,8 @@ class DockingRecord:
         if drives.command_sequence != before and drives.image_to_can_ns and self.phase == "approach":
             self.image_to_can_ms.append(drives.image_to_can_ns / NS_PER_MS)
 
-    def _goal(self) -> Pose2:
+    def goal(self) -> Pose2:
+        """Desired pose of {L} in {F}."""
         return self.config.docking.goal(self.mission.trolley if self.mission else 1)
 
     # --- what came out
@@ -129,17 +145,18 @@ class DockingRecord:
         sample = self.end_of_approach()
         if sample is None:
             return dict.fromkeys(("e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px"))
-        goal = self._goal()
+        goal = self.goal()
         wanted = goal.inverse()
         relative = sample.pose.inverse()
         return {
             "e_x_cm": 100 * abs(sample.pose.x_m - wanted.x_m),
             "e_y_cm": 100 * abs(sample.pose.y_m - wanted.y_m),
             "e_theta_deg": math.degrees(abs(wrap_angle(relative.theta_rad - goal.theta_rad))),
-            "e_p_px": float(np.sqrt(((self._pixels(relative) - self._pixels(goal)) ** 2).sum(axis=1).mean())),
+            "e_p_px": float(np.sqrt(((self.pixels(relative) - self.pixels(goal)) ** 2).sum(axis=1).mean())),
         }
 
-    def _pixels(self, relative: Pose2) -> Array:
+    def pixels(self, relative: Pose2) -> Array:
+        """True projections of the LEDs (n, 2) from a relative pose."""
         camera = self.config.camera
         return camera.pinhole.to_pixels(features_at(self.config.leds.points, relative, camera.mount))
 

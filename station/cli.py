@@ -1,0 +1,122 @@
+"""The command line: ``davpc --help`` shows every command with an example."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.config import ConfigError, default_config_path
+from common.processes import PROCESSES, process
+
+EXIT_NOT_DOCKED = 1
+EXIT_USAGE = 2
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Two robots dock luggage trolleys by vision: run them, simulate them, measure them.",
+    epilog="A first docking, simulated down to pixels and CAN frames:  [bold]davpc sim[/]",
+)
+
+ConfigOption = Annotated[
+    Path | None, typer.Option("--config", help="TOML file of the pair", show_default="reference")
+]
+SetOption = Annotated[list[str] | None, typer.Option("--set", help="override, as table.key=value; repeatable")]
+
+
+@app.command(epilog="Example:  davpc sim --start 6,1.5,0 --seed 3 --out out/run3")
+def sim(
+    seed: Annotated[int, typer.Option(min=0, help="of sensor noise and of everything random")] = 1,
+    start: Annotated[
+        str, typer.Option(help="Follower's start: metres behind the Leader, metres left, degrees")
+    ] = "6,1.5,0",
+    stepped: Annotated[
+        bool, typer.Option(help="one process, stepped time: deterministic, faster than real time")
+    ] = False,
+    headless: Annotated[bool, typer.Option(help="plain lines instead of live progress")] = False,
+    out: Annotated[Path, typer.Option(help="folder for results.json, pictures and logs")] = Path("out/sim"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Dock one trolley with both robots, simulated. `davpc sim`"""
+    from rich.console import Console
+
+    from station import figures, launcher, report
+    from station.progress import live_progress
+
+    console = Console(force_terminal=False if headless else None, highlight=False)
+    world = [f"world.seed={seed}", f"world.start={list(_numbers(start, 3))}"]
+    run = launcher.Run(config or default_config_path(), [*(overrides or []), *world], out)
+    console.print(f"docking from {start} ({'stepped' if stepped else 'processes'}, seed {seed})")
+    with live_progress(console) as run.progress:
+        record, cause = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
+    settings = {"seed": seed, "start": start, "stepped": stepped, "overrides": overrides or []}
+    results = report.write_results(record, cause, settings, out)
+    drawn = figures.draw_all(record, out)
+    report.print_results(results, console)
+    console.print(f"written: {out / 'results.json'}, {', '.join(path.name for path in drawn)}", soft_wrap=True)
+    if not results["connected"]:
+        raise typer.Exit(EXIT_NOT_DOCKED)
+
+
+@app.command(epilog="Example:  davpc run follower-camera --runtime /run/davpc")
+def run(
+    name: Annotated[str, typer.Argument(help=f"one of {', '.join(p.name for p in PROCESSES)}")],
+    runtime: Annotated[Path, typer.Option(help="private folder of the robot's sockets and frames")] = Path(
+        "/run/davpc"
+    ),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Run one process of the runtime. `davpc run leader`"""
+    from common.executor import run_process
+
+    try:
+        process(name)
+    except KeyError as error:
+        raise ConfigError(str(error.args[0])) from error
+    if not runtime.is_dir():
+        raise ConfigError(f"{runtime}: no such folder; make it with mode 0700, or let systemd do so")
+    raise typer.Exit(run_process(name, config or default_config_path(), runtime, overrides or []))
+
+
+@app.command(epilog="Example:  davpc processes")
+def processes() -> None:
+    """List the processes of the runtime. `davpc processes`"""
+    for entry in PROCESSES:
+        typer.echo(
+            f"{entry.name:22s} {entry.robot:9s} {entry.rate_hz:4.0f} Hz  by {entry.stepped_by:25s} {entry.purpose}"
+        )
+
+
+def _numbers(text: str, count: int) -> tuple[float, ...]:
+    """Comma-separated numbers.
+
+    Raises:
+        ConfigError: not ``count`` numbers.
+    """
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count:
+        raise ConfigError(f"{text!r}: write {count} numbers with commas, such as 6,1.5,0")
+    return numbers
+
+
+def main() -> None:
+    """Entry point: a user's mistake is one line and exit code 2."""
+    try:
+        app()
+    except ConfigError as error:
+        typer.echo(f"davpc: {error}", err=True)
+        sys.exit(EXIT_USAGE)
+
+
+if __name__ == "__main__":
+    main()

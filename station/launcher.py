@@ -1,0 +1,317 @@
+"""Runs one docking of both robots against the simulated backend: as processes, or stepped in this one.
+
+The only place outside experiments and tests that knows the simulated backend by name.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import queue
+import secrets
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from common.bus import Bus
+from common.channels import DOCK_REQUEST, Channel
+from common.config import Config, load_config
+from common.executor import earlier_processes
+from common.geometry import Pose2
+from common.messages import Answer, DockRequest, Header, MessageError, decode, encode
+from common.node import Inbox, Node, NodeContext, Output, Trigger
+from common.processes import PROCESSES
+from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, SteppedClock
+from sim.stepped import SteppedExecutor
+from sim.world_config import world_config
+from sim.world_message import WORLD, WorldState
+from station.record import DockingRecord, TrueSample
+
+STATION = "station"
+READY_TIMEOUT_S = 40.0
+RUN_TIMEOUT_S = 150.0
+_AFTER_DEATH_NS = 1_500 * NS_PER_MS
+_TERMINATE_S = 3.0
+_PR_SET_PDEATHSIG = 1
+Progress = Callable[[DockingRecord], None]
+
+
+@dataclass
+class Run:
+    """One docking to run: configuration file, overrides, and where to put the logs."""
+
+    config_path: Path
+    overrides: list[str]
+    out: Path
+    progress: Progress = lambda _record: None
+    config: Config = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.config = load_config(self.config_path, self.overrides)
+        world_config(self.config, str(self.config_path))
+
+
+def true_sample(world: WorldState) -> TrueSample:
+    """The part of the world that a record keeps."""
+    return TrueSample(world.time_ns, Pose2(world.x_m, world.y_m, world.theta_rad), world.v_m_s, world.w_rad_s)
+
+
+# --- stepped
+
+
+class _StationNode(Node):
+    """Asks for the docking and records it, in stepped time."""
+
+    name = STATION
+    inputs = (*DockingRecord.CHANNELS, WORLD)
+    outputs = (DOCK_REQUEST,)
+    trigger = Trigger(period_ns=NS_PER_S // 10, wakes=(*DockingRecord.CHANNELS, WORLD))
+
+    def __init__(self, record: DockingRecord, start_ns: int) -> None:
+        self._record = record
+        self._start_ns = start_ns
+        self._asked = False
+
+    def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
+        for channel in DockingRecord.CHANNELS:
+            if inputs.arrived(channel) is not None:
+                received = inputs.newest(channel)
+                assert received is not None
+                self._record.take(channel, received.message, received.header.stamp_ns)
+        world = inputs.arrived(WORLD)
+        if world is not None:
+            self._record.take_truth(true_sample(world))
+        if not self._asked and now_ns >= self._start_ns:
+            self._asked = True
+            return ((DOCK_REQUEST, DockRequest("stepped-start", now_ns + 10 * NS_PER_S, "start")),)
+        return ()
+
+
+def run_stepped(run: Run) -> tuple[DockingRecord, str]:
+    """One docking in stepped time, in this process; the record and what ended it early."""
+    overrides = [
+        *run.overrides,
+        'follower_can.bus.interface="stepped"',
+        'leader_can.bus.interface="stepped"',
+    ]
+    config = load_config(run.config_path, overrides)
+    clock = SteppedClock()
+    with _runtime_directory() as runtime:
+        record = DockingRecord(config, runtime)
+        nodes = [
+            entry.factory()(NodeContext(config, run.config_path, runtime, number, clock))
+            for number, entry in enumerate(PROCESSES, start=1)
+        ]
+        nodes.append(_StationNode(record, clock.now_ns() + NS_PER_S))
+        end_ns = clock.now_ns() + round(RUN_TIMEOUT_S * NS_PER_S)
+        with SteppedExecutor(nodes, clock) as executor:
+            while record.phase not in ("done", "aborted") and clock.now_ns() < end_ns:
+                executor.run(clock.now_ns() + NS_PER_S // 5)
+                run.progress(record)
+        record.release()
+    return record, "" if record.phase in ("done", "aborted") else "time_limit"
+
+
+# --- processes
+
+
+def run_processes(run: Run, prefix: str = "davpc") -> tuple[DockingRecord, str]:
+    """One docking with every process of the table; the record and what ended it early, if anything."""
+    log_directory = run.out / "logs"
+    log_directory.mkdir(parents=True, exist_ok=True)
+    with _runtime_directory() as runtime, _listening_socket() as server, _interruptible() as interrupted:
+        children = _start_children(run, runtime, server, log_directory)
+        try:
+            with Bus(STATION, runtime, earlier_processes(STATION), prefix) as bus:
+                return _Session(run, runtime, bus, children, interrupted).dock()
+        finally:
+            stop_children(children)
+
+
+class _Session:
+    """The station's side of one run: waits for the processes, asks for the docking, records, watches."""
+
+    def __init__(
+        self,
+        run: Run,
+        runtime: Path,
+        bus: Bus,
+        children: dict[str, subprocess.Popen[bytes]],
+        interrupted: Callable[[], bool],
+    ) -> None:
+        self._run, self._bus, self._children, self._interrupted = run, bus, children, interrupted
+        self._clock = MonotonicClock()
+        self._record = DockingRecord(run.config, runtime)
+        self._queue: queue.SimpleQueue[tuple[Channel[Any], bytes]] = queue.SimpleQueue()
+        for channel in (*DockingRecord.CHANNELS, WORLD):
+            bus.stream(channel, partial(self._enqueue, channel))
+
+    def _enqueue(self, channel: Channel[Any], payload: bytes) -> None:
+        self._queue.put((channel, payload))
+
+    def dock(self) -> tuple[DockingRecord, str]:
+        """Run to the end; the record and the cause if something other than the docking ended it."""
+        cause = self._await_ready() or self._ask_start() or self._watch()
+        self._record.release()
+        return self._record, cause
+
+    def _await_ready(self) -> str:
+        deadline_ns = self._clock.now_ns() + round(READY_TIMEOUT_S * NS_PER_S)
+        wanted = {process.name for process in PROCESSES}
+        while True:
+            missing = wanted - self._bus.alive()
+            if not missing:
+                return ""
+            died = self._death()
+            if died:
+                return died
+            if self._interrupted():
+                return "interrupted"
+            if self._clock.now_ns() > deadline_ns:
+                return f"not ready in {READY_TIMEOUT_S:.0f} s: {', '.join(sorted(missing))}"
+            self._drain(0.1)
+
+    def _ask_start(self) -> str:
+        """Ask the supervisor, again with the same id until it answers: it docks once."""
+        request_id = f"sim-{secrets.token_hex(4)}"
+        for number in range(1, 6):
+            now_ns = self._clock.now_ns()
+            request = DockRequest(request_id, now_ns + 5 * NS_PER_S, "start")
+            header = Header(STATION, os.getpid(), number, now_ns, self._clock.boot_id)
+            reply = self._bus.request(DOCK_REQUEST, encode(request, header), timeout_s=1.0)
+            if reply is not None:
+                _, answer = decode(Answer, reply)
+                return "" if answer.outcome == "accepted" else f"start {answer.outcome}: {answer.reason}"
+        return "the supervisor does not answer"
+
+    def _watch(self) -> str:
+        deadline_ns = self._clock.now_ns() + round(RUN_TIMEOUT_S * NS_PER_S)
+        died, died_ns = "", 0
+        while True:
+            self._drain(0.05)
+            now_ns = self._clock.now_ns()
+            self._run.progress(self._record)
+            if self._interrupted():
+                return "interrupted"
+            if not died:
+                died, died_ns = self._death(), now_ns
+                if not died and self._record.phase in ("done", "aborted"):
+                    self._drain(0.3)
+                    return ""
+            elif now_ns - died_ns > _AFTER_DEATH_NS:
+                return died
+            if now_ns > deadline_ns:
+                return died or "time_limit"
+
+    def _death(self) -> str:
+        for name, child in self._children.items():
+            code = child.poll()
+            if code is not None:
+                how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+                return f"process {name} died ({how})"
+        return ""
+
+    def _drain(self, wait_s: float) -> None:
+        """Record what came in ``wait_s`` seconds."""
+        deadline = time.monotonic() + wait_s
+        while (remaining := deadline - time.monotonic()) > 0:
+            with contextlib.suppress(queue.Empty):
+                channel, payload = self._queue.get(timeout=remaining)
+                self._take(channel, payload)
+
+    def _take(self, channel: Channel[Any], payload: bytes) -> None:
+        try:
+            header, message = decode(channel.message, payload)
+        except MessageError as error:
+            print(f"davpc: {channel.key}: {error}", file=sys.stderr)  # noqa: T201 - a fault nobody else reports
+            return
+        if channel is WORLD:
+            self._record.take_truth(true_sample(message))
+        else:
+            self._record.take(channel, message, header.stamp_ns)
+
+
+def _start_children(run: Run, runtime: Path, server: socket.socket, logs: Path) -> dict[str, subprocess.Popen[bytes]]:
+    host, port = server.getsockname()
+    overrides = [*run.overrides, f"world.can_server_fd={server.fileno()}"]
+    for bus in ("follower_can", "leader_can"):
+        overrides += [f'{bus}.bus.host="{host}"', f"{bus}.bus.port={port}"]
+    children = {}
+    for process in PROCESSES:
+        command = [sys.executable, "-m", "station.cli", "run", process.name]
+        command += ["--config", str(run.config_path.resolve()), "--runtime", str(runtime)]
+        for override in overrides:
+            command += ["--set", override]
+        with (logs / f"{process.name}.log").open("wb") as log:
+            children[process.name] = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+                pass_fds=(server.fileno(),),
+                env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+                preexec_fn=_die_with_parent,
+            )
+    return children
+
+
+def stop_children(children: dict[str, subprocess.Popen[bytes]]) -> None:
+    """SIGTERM, the bridge first so that the drives stop in order; SIGKILL for what is left."""
+    for child in children.values():
+        if child.poll() is None:
+            child.send_signal(signal.SIGTERM)
+    deadline = time.monotonic() + _TERMINATE_S
+    for child in children.values():
+        try:
+            child.wait(timeout=max(0.05, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
+
+
+def _die_with_parent() -> None:
+    """In the child: end it if the launcher is killed."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+@contextlib.contextmanager
+def _runtime_directory() -> Iterator[Path]:
+    """A private directory for sockets and frames, in memory where there is any; gone at the end."""
+    parent = next((path for path in ("/dev/shm", "/run/shm") if os.access(path, os.W_OK)), None)
+    path = Path(tempfile.mkdtemp(prefix="davpc-", dir=parent))
+    try:
+        yield path
+    finally:
+        shutil.rmtree(path, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _listening_socket() -> Iterator[socket.socket]:
+    """The CAN server's socket: bound here, so that its port is known and nobody else's."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield server
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[Callable[[], bool]]:
+    """Ctrl-C and SIGTERM set a flag, so that everything is taken down in order."""
+    seen: list[int] = []
+    before = {
+        number: signal.signal(number, lambda n, _: seen.append(n)) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield lambda: bool(seen)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
