@@ -1,0 +1,215 @@
+"""Which spots are the LEDs: search without a prior, with a residual check and an ambiguity margin.
+
+An ordered pair of spots taken for a pair of LEDs at a trial heading gives x and y in closed form from its two
+bearings. The two heights then agree on one small camera pitch or the trial is dropped; the other LEDs are
+predicted and the nearest spots gathered; every distinct assignment is fitted in full (x, y, θ, pitch, roll) and
+judged by χ². A rival that fits nearly as well makes the answer "not sure".
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.geometry import Array, Pose2, wrap_angle
+from follower.estimator.planar_fit import FitModel, fit
+
+Indices = NDArray[np.intp]
+Failure = Literal["few_spots", "no_match", "ambiguous"]
+
+_HEADINGS_RAD = np.radians(np.linspace(-64.0, 64.0, 17))
+_NEAREST_M, _FARTHEST_M = 0.5, 14.0
+_WIDEST_BEAM_RAD = math.radians(75.0)
+_MAX_PITCH = 0.05
+_MAX_ROLL = 0.05
+_TRIALS = 3000
+_FITTED = 24
+_MASS_RATIO = 12.0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When an assignment is accepted.
+
+    ``chi2_full``/``chi2_partial`` bound χ² with every LED seen and with one missing; a rival within
+    ``margin`` of the best χ² (or below its bound) makes the match ambiguous.
+    """
+
+    chi2_full: float = 22.0
+    chi2_partial: float = 12.0
+    margin: float = 30.0
+
+
+@dataclass(frozen=True)
+class Match:
+    """An accepted assignment: the spot of each LED (−1: not seen), its state (x, y, θ, pitch, roll) and χ²."""
+
+    spot_of_led: tuple[int, ...]
+    state: Array
+    chi2: float
+
+    @property
+    def pose(self) -> Pose2:
+        """Pose of {L} in {F}."""
+        return Pose2(float(self.state[0]), float(self.state[1]), wrap_angle(float(self.state[2])))
+
+
+class Identifier:
+    """Searches for one array; holds what depends on the array only."""
+
+    def __init__(self, model: FitModel, limits: Limits) -> None:
+        self._model = model
+        self._limits = limits
+        points, (t_x, t_y, t_z) = model.points_l, model.camera_xyz_m
+        c, s = np.cos(_HEADINGS_RAD)[:, None], np.sin(_HEADINGS_RAD)[:, None]
+        # camera coordinates of the LEDs per trial heading, up to the unknown x and y of the array
+        self._right = t_y - points[:, 0] * s - points[:, 1] * c
+        self._depth = points[:, 0] * c - points[:, 1] * s - t_x
+        self._height = t_z - points[:, 2]
+        self._bases = _base_pairs(points)
+
+    def identify(self, features: Array, mass: Array, allow_partial: bool) -> Match | Failure:
+        """Find the array among N candidate spots.
+
+        Args:
+            features: (N, 2) normalised coordinates of the candidates.
+            mass: (N,) brightness of the candidates; LEDs of one array are of a like brightness.
+            allow_partial: also accept all LEDs but one, if nothing else explains the image.
+        """
+        leds = len(self._height)
+        if len(features) < leds - int(allow_partial):
+            return "few_spots"
+        assignments, starts = self._trials(features, mass)
+        if not len(assignments):
+            return "no_match"
+        missing = (assignments < 0).sum(axis=1)
+        if allow_partial:
+            assignments, starts, missing = _with_one_left_out(assignments, starts, missing)
+        for absent, bound in ((0, self._limits.chi2_full), (1, self._limits.chi2_partial)):
+            rows = np.flatnonzero(missing == absent)
+            if absent and not allow_partial:
+                break
+            verdict = self._judge(features, assignments[rows], starts[rows], bound)
+            if verdict != "no_match":
+                return verdict
+        return "no_match"
+
+    def _judge(self, features: Array, assignments: Indices, starts: Array, bound: float) -> Match | Failure:
+        if not len(assignments):
+            return "no_match"
+        chosen = np.where((assignments >= 0)[:, :, None], features[assignments], np.nan)
+        fits = fit(self._model, chosen, starts)
+        chi2 = np.where(self._plausible(fits.states) & fits.in_front, fits.chi2, np.inf)
+        order = np.argsort(chi2)
+        best = int(order[0])
+        if not chi2[best] <= bound:
+            return "no_match"
+        if len(order) > 1 and chi2[order[1]] <= max(bound, chi2[best] + self._limits.margin):
+            return "ambiguous"
+        return Match(tuple(int(i) for i in assignments[best]), fits.states[best], float(chi2[best]))
+
+    def _plausible(self, states: Array) -> NDArray[np.bool_]:
+        """The LEDs face the camera, at a distance at which they can be seen."""
+        x, y, theta = states[:, 0], states[:, 1], states[:, 2]
+        bearing = np.arctan2(y, x) - theta
+        facing = np.abs(np.arctan2(np.sin(bearing), np.cos(bearing))) <= _WIDEST_BEAM_RAD
+        plausible: NDArray[np.bool_] = facing & (np.hypot(x, y) <= _FARTHEST_M + 1.0)
+        return plausible
+
+    def _trials(self, features: Array, mass: Array) -> tuple[Indices, Array]:
+        """Distinct assignments (K, n) with their starts (K, 5), most LEDs found and nearest first."""
+        found: dict[tuple[int, ...], tuple[int, float, Array]] = {}
+        for a, b in self._bases:
+            for assignment, error, start in self._gathered(features, mass, a, b):
+                absent = assignment.count(-1)
+                known = found.get(assignment)
+                if known is None or error < known[1]:
+                    found[assignment] = (absent, error, start)
+        ranked = sorted(found.items(), key=lambda item: item[1][:2])[:_FITTED]
+        assignments = np.array([key for key, _ in ranked], dtype=np.intp).reshape(len(ranked), len(self._height))
+        return assignments, np.array([value[2] for _, value in ranked]).reshape(len(ranked), 5)
+
+    def _gathered(self, features: Array, mass: Array, a: int, b: int) -> list[tuple[tuple[int, ...], float, Array]]:
+        first, second, heading, offset, pitch = self._pair_poses(features, mass, a, b)
+        right = self._right[heading] + offset[:, 0:1]
+        depth = np.maximum(self._depth[heading] + offset[:, 1:2], 1e-3)
+        alpha = right / depth
+        beta = self._height / depth + pitch[:, None]
+        distance = np.hypot(
+            features[None, None, :, 0] - alpha[:, :, None], features[None, None, :, 1] - beta[:, :, None]
+        )
+        nearest = distance.argmin(axis=2)
+        error = np.take_along_axis(distance, nearest[:, :, None], axis=2)[:, :, 0]
+        # a trial heading may be off by half a step: the nearer the array, the more that shifts its image
+        gate = 0.006 + 0.04 / depth
+        spot = np.where(error <= gate, nearest, -1)
+        spot[:, a], spot[:, b] = first, second
+        error[:, a] = error[:, b] = 0.0
+        absent = (spot < 0).sum(axis=1)
+        score = np.where(spot < 0, 0.0, error / gate).sum(axis=1)
+        rows = []
+        for k in np.flatnonzero(absent <= 1):
+            chosen = tuple(int(i) for i in spot[k])
+            if len({i for i in chosen if i >= 0}) + int(absent[k]) == len(chosen):
+                start = np.array([offset[k, 1], -offset[k, 0], _HEADINGS_RAD[heading[k]], pitch[k], 0.0])
+                rows.append((chosen, float(score[k]), start))
+        return rows
+
+    def _pair_poses(
+        self, features: Array, mass: Array, a: int, b: int
+    ) -> tuple[Indices, Indices, Indices, Array, Array]:
+        """Pairs of spots as LEDs a and b at a heading: spots, heading, (X, Z) offset of the array, pitch."""
+        count = len(features)
+        first, second = (rows.ravel() for rows in np.indices((count, count)))
+        alike = (first != second) & (
+            np.maximum(mass[first], mass[second]) <= _MASS_RATIO * np.minimum(mass[first], mass[second])
+        )
+        first, second = first[alike], second[alike]
+        alpha_a, alpha_b = features[first, 0:1], features[second, 0:1]
+        # X_a + X = α_a (Z_a + Z) and the same for b, solved for the array's offset (X, Z)
+        lead_a = alpha_a * self._depth[:, a] - self._right[:, a]
+        lead_b = alpha_b * self._depth[:, b] - self._right[:, b]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = (lead_a - lead_b) / (alpha_b - alpha_a)
+            depth_a, depth_b = z + self._depth[:, a], z + self._depth[:, b]
+            pitch_a = features[first, 1:2] - self._height[a] / depth_a
+            pitch_b = features[second, 1:2] - self._height[b] / depth_b
+            pitch = 0.5 * (pitch_a + pitch_b)
+            loose = 0.05 * np.abs(features[first, 1:2])
+            mismatch = np.abs(pitch_a - pitch_b) - _MAX_ROLL * np.abs(alpha_a - alpha_b)
+            fine = (depth_a > _NEAREST_M) & (depth_b > _NEAREST_M) & (z < _FARTHEST_M)
+            fine &= (np.abs(pitch) < _MAX_PITCH + loose) & (mismatch < 0.008 + loose)
+        pair, heading = np.nonzero(fine)
+        if len(pair) > _TRIALS:
+            keep = np.argpartition(np.abs(pitch[pair, heading]), _TRIALS)[:_TRIALS]
+            pair, heading = pair[keep], heading[keep]
+        offset_z = z[pair, heading]
+        offset_x = alpha_a[pair, 0] * offset_z + lead_a[pair, heading]
+        return first[pair], second[pair], heading, np.stack([offset_x, offset_z], axis=1), pitch[pair, heading]
+
+
+def _base_pairs(points: Array) -> list[tuple[int, int]]:
+    """Two disjoint pairs of LEDs, widest first, so that one missing LED leaves one pair whole."""
+    widest = sorted(combinations(range(len(points)), 2), key=lambda p: -abs(points[p[0], 1] - points[p[1], 1]))
+    pairs = [(i, widest_j) for i, widest_j in widest]
+    first = pairs[0]
+    second = next(pair for pair in pairs if not set(pair) & set(first))
+    return [first, second]
+
+
+def _with_one_left_out(assignments: Indices, starts: Array, missing: Indices) -> tuple[Indices, Array, Indices]:
+    """Add every assignment with each of its LEDs left out: one of its spots may be something else."""
+    full = np.flatnonzero(missing == 0)
+    leds = assignments.shape[1]
+    reduced = np.repeat(assignments[full], leds, axis=0)
+    reduced[np.arange(len(reduced)), np.tile(np.arange(leds), len(full))] = -1
+    every = np.vstack([assignments, reduced])
+    _, rows = np.unique(every, axis=0, return_index=True)
+    all_starts = np.vstack([starts, np.repeat(starts[full], leds, axis=0)])
+    kept = every[rows]
+    return kept, all_starts[rows], (kept < 0).sum(axis=1)

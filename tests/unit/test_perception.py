@@ -1,0 +1,84 @@
+"""Perception from rendered frames: a whole approach, bad images, and what is said of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from common.config import Config
+from common.geometry import Pose2, features_at, move_relative
+from follower.estimator.pipeline import Detection, Perception
+from sim.optics import Optics, View
+
+PERIOD_NS = 16_666_667
+CURRENTS = (1.0, 1.0, 1.0, 1.0)
+Shoot = Callable[[Pose2, int], "np.ndarray[tuple[int, int], np.dtype[np.uint8]]"]
+
+
+@pytest.fixture(scope="module")
+def shoot(config: Config) -> Shoot:
+    optics = Optics(config.camera, config.leds, seed=1)
+
+    def render(pose: Pose2, sequence: int) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
+        image = np.zeros((config.camera.height_px, config.camera.width_px), np.uint8)
+        optics.render(image, View(pose.x_m, pose.y_m, pose.theta_rad, CURRENTS, sequence))
+        return image
+
+    return render
+
+
+@pytest.mark.parametrize("method", ["paper", "davpc"])
+def test_an_approach_is_followed_to_the_goal(config: Config, shoot: Shoot, method: str) -> None:
+    tuned = config.model_copy(update={"estimator": config.estimator.model_copy(update={"method": method})})
+    perception = Perception(tuned)
+    desired = features_at(config.leds.points, config.docking.goal(1), config.camera.mount)
+    pose, twist = Pose2(8.0, 0.6, 0.12), (0.45, 0.02)
+    for sequence in range(1, 120):
+        seen = perception.process(shoot(pose, sequence), sequence, sequence * PERIOD_NS, twist, desired)
+        assert seen.valid, seen.cause
+        assert seen.leds_seen == 4
+        assert seen.pose is not None
+        assert seen.theta_homography_rad is not None
+        assert seen.pose.theta_rad == pytest.approx(pose.theta_rad, abs=0.03)
+        assert seen.features == pytest.approx(features_at(config.leds.points, pose, config.camera.mount), abs=6e-4)
+        assert seen.residual_px < 0.3
+        pose = move_relative(pose, *twist, 1 / 60)
+
+
+def bad_images(config: Config) -> list[tuple[str, object]]:
+    height, width = config.camera.height_px, config.camera.width_px
+    return [
+        ("no_frame", None),
+        ("bad_frame", np.zeros((10, 10), np.uint8)),
+        ("bad_frame", np.zeros((height, width), np.float64)),
+        ("bad_frame", np.zeros((height, width, 3), np.uint8)),
+        ("few_leds", np.zeros((height, width), np.uint8)),
+        ("few_leds", np.full((height, width), 255, np.uint8)),
+    ]
+
+
+def test_bad_images_are_named_never_raised(config: Config) -> None:
+    for cause, image in bad_images(config):
+        seen: Detection = Perception(config).process(image, 1, PERIOD_NS, (0.0, 0.0), None)  # type: ignore[arg-type]
+        assert (seen.valid, seen.cause) == (False, cause)
+        assert np.isnan(seen.features).all()
+
+
+def test_after_a_jump_the_array_is_found_again(config: Config, shoot: Shoot) -> None:
+    perception = Perception(config)
+    for sequence, pose in enumerate((Pose2(4.0, 0.0, 0.0), Pose2(4.0, 0.5, 0.1)), start=1):
+        seen = perception.process(shoot(pose, sequence), sequence, sequence * PERIOD_NS, (0.0, 0.0), None)
+        assert seen.valid
+        assert seen.pose is not None
+        assert seen.pose.y_m == pytest.approx(pose.y_m, abs=0.02)
+
+
+def test_a_predicted_pose_serves_in_place_of_the_last_features(config: Config, shoot: Shoot) -> None:
+    perception = Perception(config)
+    perception.process(shoot(Pose2(4.0, 0.0, 0.0), 1), 1, PERIOD_NS, (0.0, 0.0), None)
+    there = Pose2(3.8, 0.3, 0.1)
+    seen = perception.process(shoot(there, 2), 2, 2 * PERIOD_NS, (0.0, 0.0), None, predicted=there)
+    assert seen.valid
+    assert seen.spots == 4

@@ -1,0 +1,70 @@
+"""Spots: centroids, regions, and what does not count as a spot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from common.frame_ring import Image
+from follower.estimator.spots import SpotRule, brightest, find_spots, find_spots_near
+
+RULE = SpotRule(threshold=40, min_area_px=2, max_area_px=6000)
+
+
+def diamond(u: float, v: float, peak: float, width_px: float = 1.3) -> Image:
+    """A noiseless speck, sampled eight times finer than the pixels."""
+    fine = (np.arange(8) + 0.5) / 8 - 0.5
+    x = (np.arange(160)[:, None] + fine).ravel() - u
+    y = (np.arange(120)[:, None] + fine).ravel() - v
+    light = np.outer(np.exp(-np.abs(y) / width_px), np.exp(-np.abs(x) / width_px)) * peak
+    pixels = light.reshape(120, 8, 160, 8).mean(axis=(1, 3))
+    image: Image = np.clip(np.rint(pixels), 0, 255).astype(np.uint8)
+    return image
+
+
+@pytest.mark.parametrize("peak", [150.0, 1000.0, 8000.0])
+@pytest.mark.parametrize(("u", "v"), [(60.0, 50.0), (60.3, 50.4), (59.5, 49.75)])
+def test_centroid_is_sub_pixel_also_when_saturated(u: float, v: float, peak: float) -> None:
+    spots = find_spots(diamond(u, v, peak), RULE)
+    assert len(spots) == 1
+    assert spots.pixels[0] == pytest.approx([u, v], abs=0.12)
+    assert spots.elongation[0] == pytest.approx(1.0, abs=0.25)
+
+
+def test_paper_weights_keep_the_background_that_the_default_subtracts() -> None:
+    image = diamond(60.3, 50.4, 200.0)
+    paper = find_spots(image, SpotRule(40, 2, 6000, weighting="paper"))
+    assert paper.mass[0] == image[image > 40].sum()
+    assert find_spots(image, RULE).mass[0] < paper.mass[0]
+
+
+def test_small_and_large_components_are_no_spots() -> None:
+    image = np.zeros((120, 160), np.uint8)
+    image[10, 10] = 200
+    image[30:115, 40:130] = 200
+    assert len(find_spots(image, RULE)) == 0
+
+
+def test_regions_find_the_same_centroid_and_count_no_spot_twice() -> None:
+    image = np.maximum(diamond(60.3, 50.4, 900.0), diamond(78.0, 50.0, 900.0))
+    whole = find_spots(image, RULE)
+    near = find_spots_near(image, np.array([[61.0, 50.0], [77.0, 51.0], [np.nan, 3.0]]), 20, RULE)
+    assert len(near) == 2
+    assert near.pixels[near.pixels[:, 0].argsort()] == pytest.approx(whole.pixels[whole.pixels[:, 0].argsort()])
+
+
+def test_spot_cut_by_its_region_is_left_out() -> None:
+    image = diamond(60.0, 50.0, 2000.0)
+    assert len(find_spots_near(image, np.array([[39.0, 50.0]]), 20, RULE)) == 0
+
+
+def test_regions_outside_the_image_are_empty() -> None:
+    image = diamond(60.0, 50.0, 2000.0)
+    assert len(find_spots_near(image, np.array([[-500.0, 50.0], [60.0, 9000.0]]), 20, RULE)) == 0
+
+
+def test_brightest_keeps_the_heaviest_in_order() -> None:
+    image = np.maximum(np.maximum(diamond(20.0, 50.0, 300.0), diamond(60.0, 50.0, 90.0)), diamond(99.0, 50.0, 3000.0))
+    spots = find_spots(image, RULE)
+    kept = brightest(spots, 2)
+    assert sorted(round(u) for u in kept.pixels[:, 0]) == [20, 99]
