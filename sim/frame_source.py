@@ -31,7 +31,16 @@ class SimulatedFrameSource:
         if world is None:
             return None
         relative = Pose2(world.x_m, world.y_m, world.theta_rad).inverse()
-        self._optics.render(image, View(world.sequence, relative, world.led_current_a))
+        view = View(
+            relative.x_m,
+            relative.y_m,
+            relative.theta_rad,
+            world.led_current_a,
+            world.sequence,
+            v_m_s=world.v_m_s,
+            w_rad_s=world.w_rad_s,
+        )
+        self._optics.render(image, view)
         return Capture(world.time_ns, self._camera.exposure_us, self._camera.gain, "simulated")
 
     def close(self) -> None:

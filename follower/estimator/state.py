@@ -1,0 +1,111 @@
+"""Frames and wheel twist in, docking state out: perception and observer together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from common.config import Config
+from common.frame_ring import Image
+from common.geometry import Array, Pose2, features_at
+from common.messages import DockingState, Frame, StateCause
+from common.timing import NS_PER_MS
+from follower.estimator.observer import RelativeObserver
+from follower.estimator.pipeline import Detection, Perception
+
+# frames in a row that the observer may refuse before it starts anew from what perception sees
+_REFUSED_LIMIT = 6
+_RESET_INFLATION = 4.0
+
+
+class StateEstimator:
+    """One call of :meth:`step` per frame, or without a frame when none came."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._perception = Perception(config)
+        self._observer = RelativeObserver(config.leds.points, config.camera.mount, config.estimator)
+        self._sigma = config.estimator.pixel_sigma_px / config.camera.lens.fx_px
+        self._coast_ns = round(config.estimator.coast_ms * NS_PER_MS)
+        self._measured_ns: int | None = None
+        self._refused = 0
+        self._frame_sequence = 0
+        self._seen = 0
+        self._dropped = 0
+
+    def step(
+        self, frame: Frame, image: Image | None, twist: tuple[float, float], desired_features: Array | None
+    ) -> DockingState:
+        """Take one frame.
+
+        Args:
+            frame: its note; gaps in its sequence count as dropped frames.
+            image: (h, w) pixels, None if they were overwritten before they could be read.
+            twist: measured (v [m/s], ω [rad/s]) of {F}.
+            desired_features: (n, 2) at the goal, for the homography; None before there is a mission.
+        """
+        if self._frame_sequence and frame.sequence > self._frame_sequence:
+            self._dropped += frame.sequence - self._frame_sequence - 1
+        self._frame_sequence = frame.sequence
+        self._seen += image is not None
+        self._dropped += image is None
+        detection = self._perception.process(
+            image, frame.sequence, frame.capture_ns, twist, desired_features, self._expected(frame.capture_ns, twist)
+        )
+        self._filter(detection, twist)
+        return self._state(detection, frame.capture_ns)
+
+    def no_frame(self, now_ns: int) -> DockingState:
+        """The state when no frame came: the last pose, not valid."""
+        nothing = np.full((len(self._config.leds.points), 2), np.nan)
+        self._measured_ns = None
+        return self._state(Detection(self._frame_sequence, now_ns, False, "no_frame", nothing), now_ns)
+
+    def _expected(self, capture_ns: int, twist: tuple[float, float]) -> Pose2 | None:
+        return self._observer.pose_at(capture_ns, *twist) if self._measured_ns is not None else None
+
+    def _filter(self, detection: Detection, twist: tuple[float, float]) -> None:
+        capture_ns = detection.capture_ns
+        if self._measured_ns is not None:
+            if capture_ns - self._measured_ns > self._coast_ns or capture_ns < self._measured_ns:
+                self._measured_ns = None
+            else:
+                self._observer.predict(capture_ns, *twist)
+        if not detection.valid or detection.pose is None or detection.covariance is None:
+            return
+        if self._measured_ns is not None:
+            used = self._observer.update(detection.features, self._sigma)
+            self._refused = 0 if used.sum() >= len(used) - 1 else self._refused + 1
+        if self._measured_ns is None or self._refused >= _REFUSED_LIMIT:
+            self._observer.reset(detection.pose, _RESET_INFLATION * detection.covariance, capture_ns)
+            self._refused = 0
+        self._measured_ns = capture_ns
+
+    def _state(self, detection: Detection, capture_ns: int) -> DockingState:
+        valid = self._measured_ns is not None
+        cause: StateCause = "coasting" if valid and not detection.valid else detection.cause
+        pose = self._observer.pose
+        filtered: tuple[tuple[float, float], ...] = ()
+        if valid:
+            try:
+                features = features_at(self._config.leds.points, pose, self._config.camera.mount)
+                filtered = tuple((float(a), float(b)) for a, b in features)
+            except ValueError:
+                valid, cause = False, "behind_camera"
+        return DockingState(
+            frame_sequence=detection.frame_sequence,
+            capture_ns=capture_ns,
+            valid=valid,
+            cause=cause,
+            leds_seen=detection.leds_seen,
+            features=tuple(None if np.isnan(a) else (float(a), float(b)) for a, b in detection.features),
+            features_filtered=filtered,
+            theta_homography_rad=detection.theta_homography_rad,
+            x_m=pose.x_m,
+            y_m=pose.y_m,
+            theta_rad=pose.theta_rad,
+            covariance=tuple(float(value) for value in self._observer.covariance.reshape(-1)),
+            residual_px=detection.residual_px,
+            spots=detection.spots,
+            frames_seen=self._seen,
+            frames_dropped=self._dropped,
+        )
