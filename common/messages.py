@@ -348,8 +348,9 @@ def decode(message_type: type[M], payload: bytes) -> tuple[Header, M]:
     if schema != message_type.SCHEMA:
         raise MessageError(f"schema {schema!r}, expected {message_type.SCHEMA!r}")
     try:
-        header = _adapter(Header).validate_python(fields)
-        message: M = _adapter(message_type).validate_python(body)
+        header, message = Header(**fields), message_type(**body)
+    except TypeError as error:
+        raise MessageError(f"{schema}: header or body is not a table") from error
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         raise MessageError(f"{schema}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error

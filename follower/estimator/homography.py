@@ -50,7 +50,9 @@ def theta_from_homography(
     if matrix is None or not np.isfinite(matrix).all():
         return None
     singular = np.linalg.svd(matrix, compute_uv=False)
-    scaled = matrix / (singular[1] * math.copysign(1.0, float(np.linalg.det(matrix))))
+    # depths are positive at both poses: of ±H only one keeps the features in front of the camera
+    depths = np.column_stack([desired[seen], np.ones(seen.sum())]) @ matrix[2]
+    scaled = matrix / (singular[1] * math.copysign(1.0, float(np.median(depths))))
     if np.abs(scaled.T @ scaled - np.eye(3)).max() < _PURE_ROTATION:
         return _heading(scaled)
     return _choose(scaled, desired[seen], normal, predicted_theta_rad)
