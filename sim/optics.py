@@ -12,13 +12,13 @@ This is the plant's own optics: it shares nothing with the estimator's projectio
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from common.config import CameraConfig, LedsConfig
 from common.frame_ring import Image
-from common.geometry import Array
+from common.geometry import Array, Pose2, move_relative
 from sim.optics_lens import image_of_rays
 
 _SPECK_PX = 1.3
@@ -35,16 +35,14 @@ _BLUR_STEP_PX = 0.5
 
 @dataclass(frozen=True)
 class View:
-    """One exposure: pose of {L} in {F}, LED currents, the camera's tilt and the Follower's twist.
+    """One exposure: its number, pose of {L} in {F}, LED currents, the camera's tilt and the Follower's twist.
 
     Pitch is positive where the camera looks up, roll where its right side sinks; both away from its mounting.
     """
 
-    x_m: float
-    y_m: float
-    theta_rad: float
-    led_currents_a: tuple[float, ...]
     frame_sequence: int
+    relative: Pose2
+    led_currents_a: tuple[float, ...]
     pitch_rad: float = 0.0
     roll_rad: float = 0.0
     v_m_s: float = 0.0
@@ -107,10 +105,8 @@ class Optics:
 
     def _strength(self, view: View) -> Array:
         """Peak grey level of each LED, (n,): its axis lies along −x_L whatever the array's tilt."""
-        c, s = math.cos(view.theta_rad), math.sin(view.theta_rad)
-        ahead = self._camera.mount[0] - view.x_m
-        aside = self._camera.mount[1] - view.y_m
-        camera_l = np.array([c * ahead + s * aside, c * aside - s * ahead, self._camera.mount[2]])
+        in_l = view.relative.inverse().compose(Pose2(float(self._camera.mount[0]), float(self._camera.mount[1]), 0.0))
+        camera_l = np.array([in_l.x_m, in_l.y_m, self._camera.mount[2]])
         towards = camera_l - self._leds.points
         distance = np.sqrt((towards**2).sum(axis=1))
         on_axis = np.maximum(-towards[:, 0] / distance, 0.0)
@@ -122,9 +118,9 @@ class Optics:
 
 def _to_camera(points_l: Array, view: View, mount_m: Array) -> Array:
     """{L} → {F} → tilted {C} by rotation matrices, (n, 3)."""
-    c, s = math.cos(view.theta_rad), math.sin(view.theta_rad)
+    c, s = math.cos(view.relative.theta_rad), math.sin(view.relative.theta_rad)
     f_from_l = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    in_f = points_l @ f_from_l.T + [view.x_m, view.y_m, 0.0]
+    in_f = points_l @ f_from_l.T + [view.relative.x_m, view.relative.y_m, 0.0]
     c_from_f = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     cp, sp = math.cos(view.pitch_rad), math.sin(view.pitch_rad)
     cr, sr = math.cos(view.roll_rad), math.sin(view.roll_rad)
@@ -136,18 +132,8 @@ def _to_camera(points_l: Array, view: View, mount_m: Array) -> Array:
 
 def _after(view: View, duration_s: float) -> View:
     """The view at the end of the exposure: {L} moves in {F} against the Follower's twist."""
-    turn = view.w_rad_s * duration_s
-    x, y = view.x_m - view.v_m_s * duration_s, view.y_m
-    c, s = math.cos(turn), math.sin(turn)
-    return View(
-        x_m=c * x + s * y,
-        y_m=c * y - s * x,
-        theta_rad=view.theta_rad - turn,
-        led_currents_a=view.led_currents_a,
-        frame_sequence=view.frame_sequence,
-        pitch_rad=view.pitch_rad,
-        roll_rad=view.roll_rad,
-    )
+    moved = move_relative(view.relative, view.v_m_s, view.w_rad_s, duration_s)
+    return replace(view, relative=moved)
 
 
 def _draw(out: Image, speck: Speck, draws: np.random.Generator) -> None:
