@@ -12,17 +12,19 @@ This is the plant's own optics: it shares nothing with the estimator's projectio
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from common.config import CameraConfig, LedsConfig
 from common.frame_ring import Image
-from common.geometry import Array
+from common.geometry import Array, Pose2, move_relative
 from sim.optics_lens import image_of_rays
+from sim.optics_light import hidden, lights_of
+from sim.scenes import CLEAN, Scene
 
 _SPECK_PX = 1.3
-_GREY_AT_1_M = 20_000.0  # peak of one LED on its axis, at the reference exposure and gain
 _REFERENCE_EXPOSURE_US = 600.0
 _VISIBLE_GREY = 0.5
 _ELECTRONS_PER_GREY = 40.0
@@ -35,20 +37,21 @@ _BLUR_STEP_PX = 0.5
 
 @dataclass(frozen=True)
 class View:
-    """One exposure: pose of {L} in {F}, LED currents, the camera's tilt and the Follower's twist.
+    """One exposure: its number, pose of {L} in {F}, LED currents, the camera's tilt and the Follower's twist.
 
     Pitch is positive where the camera looks up, roll where its right side sinks; both away from its mounting.
+    ``time_ns`` is the instant at which the scene's lamps, walkers and faults are looked at.
     """
 
-    x_m: float
-    y_m: float
-    theta_rad: float
-    led_currents_a: tuple[float, ...]
     frame_sequence: int
+    relative: Pose2
+    led_currents_a: tuple[float, ...]
     pitch_rad: float = 0.0
     roll_rad: float = 0.0
     v_m_s: float = 0.0
     w_rad_s: float = 0.0
+    time_ns: int = 0
+    scene: Scene = CLEAN
 
 
 @dataclass(frozen=True)
@@ -68,8 +71,6 @@ class Optics:
         self._camera = camera
         self._leds = leds
         self._seed = seed
-        half_beam = math.radians(leds.full_beam_deg / 2)
-        self._beam_exponent = math.log(0.5) / math.log(math.cos(half_beam))
         rows = camera.height_px + _BANK_EXTRA_ROWS
         noise = np.random.default_rng(seed).standard_normal((_BANK, rows, camera.width_px), np.float32)
         dark = noise * np.float32(_READ_NOISE * camera.gain**0.5) + np.float32(_DARK_LEVEL)
@@ -87,47 +88,54 @@ class Optics:
         draws = np.random.default_rng((self._seed, view.frame_sequence))
         row = int(draws.integers(_BANK_EXTRA_ROWS))
         np.copyto(out, self._bank[view.frame_sequence % _BANK, row : row + height])
+        if view.scene.ambient_grey > 0.0:
+            cv2.add(out, np.full(1, view.scene.ambient_grey), dst=out)
+        self._sunlit(out, view)
         for speck in self.specks(view):
             _draw(out, speck, draws)
 
     def specks(self, view: View) -> list[Speck]:
-        """Specks of the LEDs in front of the camera, also where they lie outside the image."""
-        points_c = _to_camera(self._leds.points, view, self._camera.mount)
-        moved_c = _to_camera(self._leds.points, _after(view, self._camera.exposure_us * 1e-6), self._camera.mount)
-        strength = self._strength(view)
-        specks = []
-        for point, moved, peak in zip(points_c, moved_c, strength, strict=True):
-            if point[2] <= 0.05 or moved[2] <= 0.05 or peak <= _VISIBLE_GREY:
-                continue
-            before, after = image_of_rays(np.stack([point, moved]), self._camera)
-            streak = (float(after[0] - before[0]), float(after[1] - before[1]))
-            centre = 0.5 * (before + after)
-            specks.append(Speck(float(centre[0]), float(centre[1]), float(peak), streak))
-        return specks
+        """Specks of all lights before the camera that nothing hides, also where they lie outside the image."""
+        time_s = view.time_ns * 1e-9
+        lights = lights_of(self._leds, view.led_currents_a, view.scene, time_s)
+        mount = self._camera.mount
+        in_l = view.relative.inverse().compose(Pose2(float(mount[0]), float(mount[1]), 0.0))
+        camera_l = np.array([in_l.x_m, in_l.y_m, mount[2]])
+        exposed = self._camera.exposure_us / _REFERENCE_EXPOSURE_US * self._camera.gain * view.scene.exposure_factor
+        peaks = lights.peaks(camera_l) * exposed
+        if view.scene.walkers:
+            peaks = np.where(hidden(lights.points, camera_l, view.scene.walkers, time_s), 0.0, peaks)
+        before = _to_camera(lights.points, view, mount)
+        after = _to_camera(lights.points, _after(view, self._camera.exposure_us * 1e-6), mount)
+        visible = np.flatnonzero((peaks > _VISIBLE_GREY) & (before[:, 2] > 0.05) & (after[:, 2] > 0.05))
+        if not len(visible):
+            return []
+        start, end = image_of_rays(before[visible], self._camera), image_of_rays(after[visible], self._camera)
+        centre, streak = 0.5 * (start + end), end - start
+        return [
+            Speck(float(c[0]), float(c[1]), float(peak), (float(s[0]), float(s[1])))
+            for c, s, peak in zip(centre, streak, peaks[visible], strict=True)
+        ]
 
-    def _strength(self, view: View) -> Array:
-        """Peak grey level of each LED, (n,): its axis lies along −x_L whatever the array's tilt."""
-        c, s = math.cos(view.theta_rad), math.sin(view.theta_rad)
-        ahead = self._camera.mount[0] - view.x_m
-        aside = self._camera.mount[1] - view.y_m
-        camera_l = np.array([c * ahead + s * aside, c * aside - s * ahead, self._camera.mount[2]])
-        towards = camera_l - self._leds.points
-        distance = np.sqrt((towards**2).sum(axis=1))
-        on_axis = np.maximum(-towards[:, 0] / distance, 0.0)
-        exposed = self._camera.exposure_us / _REFERENCE_EXPOSURE_US * self._camera.gain
-        current = np.array(view.led_currents_a) / self._leds.current_a
-        peaks: Array = _GREY_AT_1_M * exposed * current * on_axis**self._beam_exponent / distance**2
-        return peaks
+    def _sunlit(self, out: Image, view: View) -> None:
+        """Sun patches in front of the camera, in place."""
+        for patch in view.scene.sun:
+            corners = _to_camera(np.array(patch.corners_m), view, self._camera.mount)
+            if np.any(corners[:, 2] < 0.3):
+                continue
+            pixels = np.rint(image_of_rays(corners, self._camera)).astype(np.int32)
+            cv2.fillConvexPoly(out, np.clip(pixels, -8000, 8000), patch.grey)
 
 
 def _to_camera(points_l: Array, view: View, mount_m: Array) -> Array:
     """{L} → {F} → tilted {C} by rotation matrices, (n, 3)."""
-    c, s = math.cos(view.theta_rad), math.sin(view.theta_rad)
+    c, s = math.cos(view.relative.theta_rad), math.sin(view.relative.theta_rad)
     f_from_l = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    in_f = points_l @ f_from_l.T + [view.x_m, view.y_m, 0.0]
+    in_f = points_l @ f_from_l.T + [view.relative.x_m, view.relative.y_m, 0.0]
     c_from_f = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-    cp, sp = math.cos(view.pitch_rad), math.sin(view.pitch_rad)
-    cr, sr = math.cos(view.roll_rad), math.sin(view.roll_rad)
+    shake_pitch, shake_roll = view.scene.tilt(view.time_ns * 1e-9)
+    cp, sp = math.cos(view.pitch_rad + shake_pitch), math.sin(view.pitch_rad + shake_pitch)
+    cr, sr = math.cos(view.roll_rad + shake_roll), math.sin(view.roll_rad + shake_roll)
     pitch = np.array([[1.0, 0.0, 0.0], [0.0, cp, sp], [0.0, -sp, cp]])
     roll = np.array([[cr, sr, 0.0], [-sr, cr, 0.0], [0.0, 0.0, 1.0]])
     in_camera: Array = (in_f - mount_m) @ (roll @ pitch @ c_from_f).T
@@ -136,18 +144,8 @@ def _to_camera(points_l: Array, view: View, mount_m: Array) -> Array:
 
 def _after(view: View, duration_s: float) -> View:
     """The view at the end of the exposure: {L} moves in {F} against the Follower's twist."""
-    turn = view.w_rad_s * duration_s
-    x, y = view.x_m - view.v_m_s * duration_s, view.y_m
-    c, s = math.cos(turn), math.sin(turn)
-    return View(
-        x_m=c * x + s * y,
-        y_m=c * y - s * x,
-        theta_rad=view.theta_rad - turn,
-        led_currents_a=view.led_currents_a,
-        frame_sequence=view.frame_sequence,
-        pitch_rad=view.pitch_rad,
-        roll_rad=view.roll_rad,
-    )
+    moved = move_relative(view.relative, view.v_m_s, view.w_rad_s, duration_s)
+    return replace(view, relative=moved)
 
 
 def _draw(out: Image, speck: Speck, draws: np.random.Generator) -> None:

@@ -12,7 +12,11 @@ from common.geometry import Pose2, features_at
 from follower.estimator.planar_fit import FitModel, project
 from sim.optics import Optics, View
 
-FAR = View(x_m=6.0, y_m=0.0, theta_rad=0.0, led_currents_a=(1.0, 1.0, 1.0, 1.0), frame_sequence=7)
+FAR = View(frame_sequence=7, relative=Pose2(6.0, 0.0, 0.0), led_currents_a=(1.0, 1.0, 1.0, 1.0))
+
+
+def at(x_m: float, y_m: float = 0.0, theta_rad: float = 0.0) -> View:
+    return replace(FAR, relative=Pose2(x_m, y_m, theta_rad))
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +37,7 @@ def test_same_sequence_same_pixels_next_sequence_others(config: Config, optics: 
 
 
 def test_specks_lie_where_the_papers_projection_puts_them(config: Config, optics: Optics) -> None:
-    view = replace(FAR, x_m=4.0, y_m=0.7, theta_rad=0.3)
+    view = at(4.0, 0.7, 0.3)
     truth = config.camera.pinhole.to_pixels(
         features_at(config.leds.points, Pose2(4.0, 0.7, 0.3), config.camera.mount)
     )
@@ -52,25 +56,23 @@ def test_tilt_has_the_signs_that_the_fit_uses(config: Config, optics: Optics) ->
 
 
 def test_brightness_follows_distance_current_and_beam(optics: Optics) -> None:
-    near, far = optics.specks(replace(FAR, x_m=4.0)), optics.specks(replace(FAR, x_m=8.0))
+    near, far = optics.specks(at(4.0)), optics.specks(at(8.0))
     assert near[0].peak / far[0].peak == pytest.approx(4.0, rel=0.25)
     dim = optics.specks(replace(FAR, led_currents_a=(0.5, 1.0, 0.0, 1.0)))
     assert dim[0].peak == pytest.approx(0.5 * optics.specks(FAR)[0].peak)
     assert len(dim) == 3
-    assert optics.specks(replace(FAR, theta_rad=0.52))[0].peak == pytest.approx(
-        0.5 * optics.specks(FAR)[0].peak, rel=0.25
-    )
+    assert optics.specks(at(6.0, theta_rad=0.52))[0].peak == pytest.approx(0.5 * optics.specks(FAR)[0].peak, rel=0.25)
 
 
 def test_leds_behind_and_from_behind_are_dark(config: Config, optics: Optics) -> None:
-    assert optics.specks(replace(FAR, x_m=-3.0)) == []
-    assert optics.specks(replace(FAR, theta_rad=3.1)) == []
-    aside = frame(config, optics, replace(FAR, x_m=0.5, y_m=3.0))
+    assert optics.specks(at(-3.0)) == []
+    assert optics.specks(at(6.0, theta_rad=3.1)) == []
+    aside = frame(config, optics, at(0.5, 3.0))
     assert aside.max() < 30
 
 
 def test_near_leds_saturate(config: Config, optics: Optics) -> None:
-    image = frame(config, optics, replace(FAR, x_m=1.5))
+    image = frame(config, optics, at(1.5))
     assert (image == 255).sum() > 20
     assert image.dtype == np.uint8
 

@@ -23,7 +23,7 @@ def shoot(config: Config) -> Shoot:
 
     def render(pose: Pose2, sequence: int) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
         image = np.zeros((config.camera.height_px, config.camera.width_px), np.uint8)
-        optics.render(image, View(pose.x_m, pose.y_m, pose.theta_rad, CURRENTS, sequence))
+        optics.render(image, View(sequence, pose, CURRENTS))
         return image
 
     return render
