@@ -32,13 +32,12 @@ class SimulatedFrameSource:
             return None
         relative = Pose2(world.x_m, world.y_m, world.theta_rad).inverse()
         view = View(
-            relative.x_m,
-            relative.y_m,
-            relative.theta_rad,
-            world.led_current_a,
             world.sequence,
+            relative,
+            world.led_current_a,
             v_m_s=world.v_m_s,
             w_rad_s=world.w_rad_s,
+            time_ns=world.time_ns,
         )
         self._optics.render(image, view)
         return Capture(world.time_ns, self._camera.exposure_us, self._camera.gain, "simulated")

@@ -17,7 +17,7 @@ def desired(config: Config) -> Array:
 
 
 @settings(max_examples=60, deadline=None)
-@given(x=st.floats(1.2, 9.0), y=st.floats(-1.5, 1.5), theta=st.floats(-0.8, 0.8))
+@given(x=st.floats(2.2, 9.0), y=st.floats(-1.5, 1.5), theta=st.floats(-0.8, 0.8))
 def test_exact_features_give_the_exact_heading(config: Config, x: float, y: float, theta: float) -> None:
     current = features_at(config.leds.points, Pose2(x, y, theta), config.camera.mount)
     found = theta_from_homography(current, desired(config), array_normal(config.leds.points), theta)

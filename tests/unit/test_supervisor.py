@@ -1,0 +1,255 @@
+"""The phases of a docking, driven through by what is observed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import pytest
+
+from common.config import Config
+from common.geometry import Pose2, features_at
+from common.messages import Answer, ArmState, DockingState, DockRequest, Drives, LeaderState, LockRequest, Mission
+from common.timing import NS_PER_S
+from follower.supervisor.sequence import Decided, DockingSequence, Observed
+
+STEP_NS = NS_PER_S // 20
+
+
+def docking_state(config: Config, pose: Pose2, valid: bool = True) -> DockingState:
+    filtered = tuple((float(a), float(b)) for a, b in features_at(config.leds.points, pose, config.camera.mount))
+    return DockingState(
+        1, 0, valid, "ok" if valid else "few_leds", 4, (None,) * 4, filtered if valid else (), None,
+        pose.x_m, pose.y_m, pose.theta_rad, (0.0,) * 9, 0.1, 4, 1, 0,
+    )  # fmt: skip
+
+
+DRIVES = Drives(
+    "disarmed", "", 0, 0, (0.0, 0.0), (0.0, 0.0), (0.0,) * 6, (0.0,) * 6, (0.0, 0.0), (0.0, 0.0), 0.2,
+    True, 25.0, 0.0, 0.0, 0, 0, "", 0,
+)  # fmt: skip
+ARMS = ArmState(5.0, False, True, False)
+LEADER = LeaderState(True, "", (1.0,) * 4, False, "down", "open", 0.0, 0)
+
+
+@dataclass
+class Bench:
+    """A sequence with an obedient robot around it."""
+
+    config: Config
+    sequence: DockingSequence = field(init=False)
+    seen: Observed = field(init=False)
+    mission: Mission | None = None
+    lock_requests: list[LockRequest] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.sequence = DockingSequence(self.config, run_id=1000)
+        far = docking_state(self.config, Pose2(5.0, 0.1, 0.0))
+        self.seen = Observed(NS_PER_S, far, DRIVES, ARMS, LEADER, True)
+
+    def step(self, **changes: Any) -> Decided:
+        """Observe once with changes that stay."""
+        self.seen = replace(self.seen, now_ns=self.seen.now_ns + STEP_NS, **changes)
+        decided = self.sequence.step(self.seen)
+        self.seen = replace(self.seen, requests=(), lock_answers=())
+        self.mission = decided.mission
+        if decided.lock_request:
+            self.lock_requests.append(decided.lock_request)
+        drives = self.seen.drives
+        if drives is not None and drives.state in ("disarmed", "armed"):
+            state: Literal["armed", "disarmed"] = "armed" if decided.mission.armed else "disarmed"
+            self.seen = replace(self.seen, drives=replace(drives, state=state, epoch=decided.mission.epoch))
+        return decided
+
+    def run(self, seconds: float, **changes: Any) -> str:
+        """Observe for a while; the phase at the end."""
+        self.step(**changes)
+        for _ in range(round(seconds * 20) - 1):
+            self.step()
+        return self.sequence.phase
+
+    def ask(self, action: str, **kwargs: Any) -> Answer:
+        """Send a request; its answer."""
+        request = DockRequest(f"{action}-{self.seen.now_ns}", self.seen.now_ns + NS_PER_S, action, **kwargs)
+        (answer,) = self.step(requests=(request,)).answers
+        return answer
+
+    def roll(self, metres: float) -> Drives:
+        """The drives after rolling that far since the start."""
+        angle = metres / self.config.base.wheel_radius_m
+        assert self.seen.drives is not None
+        return replace(self.seen.drives, wheel_angle_rad=(angle, angle))
+
+    def to_approach(self) -> None:
+        assert self.ask("start").outcome == "accepted"
+        assert self.run(0.7) == "approach"
+
+    def to_push(self) -> None:
+        self.to_approach()
+        assert self.run(0.7, state=docking_state(self.config, self.config.docking.goal(1))) == "push"
+
+    def to_lock(self) -> None:
+        self.to_push()
+        self.step()
+        self.step(drives=self.roll(0.14), arms=replace(ARMS, contact=True))
+        assert self.sequence.phase == "lock"
+
+
+@pytest.fixture
+def bench(config: Config) -> Bench:
+    return Bench(config)
+
+
+def test_a_docking_from_start_to_done(bench: Bench) -> None:
+    bench.to_lock()
+    bench.step()
+    assert {request.id for request in bench.lock_requests} == {bench.lock_requests[0].id}
+    assert bench.run(0.1, leader=replace(LEADER, lock="locked")) == "release"
+    assert bench.mission is not None
+    assert bench.mission.grip == "open"
+    assert bench.run(0.1, arms=ArmState(0.0, False, False, True)) == "retract"
+    assert bench.mission.straight_speed_m_s < 0
+    assert bench.run(0.1, drives=bench.roll(0.14)) == "retract"
+    assert bench.run(0.1, drives=bench.roll(0.14 - 0.41)) == "done"
+    assert not bench.mission.armed
+
+
+def test_nothing_moves_before_start_and_each_docking_has_a_new_epoch(bench: Bench) -> None:
+    assert bench.run(1.0) == "idle"
+    assert bench.mission is not None
+    assert (bench.mission.armed, bench.mission.motion) == (False, "hold")
+    bench.to_approach()
+    first = bench.mission.epoch
+    bench.ask("abort")
+    bench.ask("reset")
+    bench.to_approach()
+    assert bench.mission.epoch > first
+
+
+@pytest.mark.parametrize(
+    ("missing", "named"),
+    [
+        ({"state": None}, "no docking state"),
+        ({"controller_alive": False}, "controller silent"),
+        ({"arms": None}, "no trolley"),
+        ({"arms": ArmState(0.0, False, False, True)}, "no trolley"),
+        ({"drives": None}, "no drives"),
+    ],
+)
+def test_what_keeps_it_from_arming_is_named(bench: Bench, missing: dict[str, object], named: str) -> None:
+    bench.ask("start")
+    assert bench.run(6.0, **missing) == "aborted"
+    assert bench.mission is not None
+    assert bench.mission.cause.startswith("acquire_timeout")
+    assert named in bench.mission.cause
+    assert not bench.mission.armed
+
+
+def test_invisible_leds_keep_it_from_arming_with_their_cause(bench: Bench, config: Config) -> None:
+    bench.ask("start")
+    assert bench.run(6.0, state=docking_state(config, Pose2(5, 0, 0), valid=False)) == "aborted"
+    assert bench.mission is not None
+    assert "few_leds" in bench.mission.cause
+
+
+def test_an_invalid_state_pauses_and_a_valid_one_resumes_in_place(bench: Bench, config: Config) -> None:
+    bench.to_approach()
+    valid = bench.seen.state
+    bench.step(state=docking_state(config, Pose2(5, 0, 0), valid=False))
+    assert bench.mission is not None
+    assert (bench.mission.motion, bench.mission.armed) == ("hold", True)
+    bench.step(state=valid)
+    assert bench.mission.motion == "servo"
+
+
+def test_leds_lost_for_too_long_and_a_silent_estimator_abort_by_name(bench: Bench, config: Config) -> None:
+    bench.to_approach()
+    assert bench.run(4.0, state=docking_state(config, Pose2(5, 0, 0), valid=False)) == "aborted"
+    assert bench.mission is not None
+    assert bench.mission.cause == "leds_lost"
+    other = Bench(config)
+    other.to_approach()
+    assert other.run(4.0, state=None) == "aborted"
+    assert other.mission is not None
+    assert other.mission.cause == "estimator_silent"
+
+
+def test_the_last_metre_is_slow(bench: Bench, config: Config) -> None:
+    bench.to_approach()
+    assert bench.mission is not None
+    assert bench.mission.v_max_m_s == config.supervisor.approach_speed_m_s
+    bench.step(state=docking_state(config, Pose2(2.4, 0.1, 0.0)))
+    assert bench.mission.v_max_m_s == config.supervisor.last_metre_speed_m_s
+
+
+@pytest.mark.parametrize("off", [Pose2(1.5, 0.05, 0.0), Pose2(1.5, 0.0, 0.03), Pose2(1.62, 0.0, 0.0)])
+def test_it_does_not_push_while_off_the_goal(bench: Bench, config: Config, off: Pose2) -> None:
+    bench.to_approach()
+    assert bench.run(2.0, state=docking_state(config, off)) == "approach"
+
+
+@pytest.mark.parametrize(
+    ("changes", "cause"),
+    [
+        ({"stop_inputs_clear": False}, "stop_input"),
+        ({"state": "fault", "cause": "node 1: EMCY 0x3210"}, "drive_fault: node 1: EMCY 0x3210"),
+        ({"state": "stopped", "cause": "command_age"}, "gate_stop: command_age"),
+    ],
+)
+def test_the_drives_can_end_a_docking_in_any_phase(config: Config, changes: dict[str, object], cause: str) -> None:
+    for phase in ("to_approach", "to_push", "to_lock"):
+        bench = Bench(config)
+        getattr(bench, phase)()
+        assert bench.seen.drives is not None
+        bench.step(drives=replace(bench.seen.drives, **changes))
+        assert bench.mission is not None
+        assert (bench.sequence.phase, bench.mission.cause) == ("aborted", cause)
+        assert (bench.mission.armed, bench.mission.grip) == (False, "closed")
+
+
+def test_silent_drives_abort(bench: Bench) -> None:
+    bench.to_approach()
+    assert bench.run(0.4, drives=None) == "aborted"
+
+
+def test_a_push_without_contact_ends_at_its_limit(bench: Bench, config: Config) -> None:
+    bench.to_push()
+    bench.step()
+    assert bench.run(0.1, drives=bench.roll(config.supervisor.push_limit_m + 0.01)) == "aborted"
+    assert bench.mission is not None
+    assert bench.mission.cause == "no_contact"
+
+
+def test_contact_before_the_lock_that_stops_the_wheels_is_early(bench: Bench) -> None:
+    bench.to_push()
+    bench.step()
+    drives = replace(bench.roll(0.05), v_set_m_s=0.05)
+    assert bench.run(1.5, drives=drives, arms=replace(ARMS, contact=True)) == "aborted"
+    assert bench.mission is not None
+    assert bench.mission.cause == "contact_early"
+
+
+def test_a_refused_lock_and_a_silent_leader_end_by_name_without_letting_go(config: Config) -> None:
+    bench = Bench(config)
+    bench.to_lock()
+    bench.step()
+    refused = Answer(bench.lock_requests[0].id, "refused", "no beam in the guide")
+    bench.step(lock_answers=(refused,))
+    assert bench.mission is not None
+    assert bench.mission.cause == "lock_refused: no beam in the guide"
+    other = Bench(config)
+    other.to_lock()
+    assert other.run(10.0, leader=None) == "aborted"
+    assert other.mission is not None
+    assert (other.mission.cause, other.mission.grip) == ("leader_silent", "closed")
+
+
+def test_requests_that_make_no_sense_are_refused_and_old_ones_expire(bench: Bench) -> None:
+    bench.to_approach()
+    assert bench.ask("start").outcome == "refused"
+    assert bench.ask("reset").outcome == "refused"
+    old = DockRequest("old", 1, "abort")
+    (answer,) = bench.step(requests=(old,)).answers
+    assert (answer.outcome, bench.sequence.phase) == ("expired", "approach")
+    assert bench.ask("abort").outcome == "done"
+    assert bench.sequence.phase == "aborted"
