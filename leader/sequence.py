@@ -61,8 +61,14 @@ class LeaderSequence:
             self._pending = (request.id, request.action)
             self._enter("closing" if request.action == "lock" else "opening", now_ns)
 
-    def step(self, now_ns: int, seen: IoInputs) -> tuple[IoOutputs, LeaderState, list[Answer]]:
-        """One step: outputs for the module, the state to publish, answers that are due."""
+    @property
+    def outputs(self) -> IoOutputs:
+        """What the module is to be told now."""
+        currents = tuple(self._leds.current_a for _ in self._leds.positions_m)
+        return IoOutputs(currents, self._lock == "closing", self._lock == "opening")
+
+    def step(self, now_ns: int, seen: IoInputs) -> tuple[LeaderState, list[Answer]]:
+        """One step: the state to publish, and answers that are due."""
         if self._lock == "closing":
             if seen.lock_extended:
                 self._queue += 1
@@ -76,11 +82,9 @@ class LeaderSequence:
                 self._settle("open", "done", "open", now_ns)
             elif now_ns - self._since_ns > self._config.lock_travel_timeout_s * NS_PER_S:
                 self._settle("fault", "refused", "retracted switch not reached in time", now_ns)
-        currents = tuple(self._leds.current_a for _ in self._leds.positions_m)
-        outputs = IoOutputs(currents, self._lock == "closing", self._lock == "opening")
         answers = list(self._answers)
         self._answers.clear()
-        return outputs, self._state(now_ns, seen), answers
+        return self._state(now_ns, seen), answers
 
     def _refusal(self, request: LockRequest, seen: IoInputs) -> str:
         if self._pending is not None:

@@ -8,11 +8,11 @@ drift, tilting, and the arms' motion: they hold one posture.
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 from common.config import Config
 from common.geometry import Pose2, wrap_angle
 from common.timing import NS_PER_S
+from sim.can_nodes import FollowerBus, LeaderBus
 from sim.contact import Contact
 from sim.world_config import WorldConfig
 
@@ -24,54 +24,16 @@ _GRIP_SPEED_RAD_S = 2.0
 _GRIP_FREE_TORQUE_N_M = 0.1
 _LIFT_SPEED_M_S = 0.05
 _LED_TIME_CONSTANT_S = 0.01
-
-
-class Motor(Protocol):
-    """What a simulated drive tells its motor, and what the motor's encoder and current tell the drive."""
-
-    velocity_setpoint_rad_s: float
-    torque_setpoint_n_m: float
-    position_setpoint_rad: float
-    power_enabled: bool
-
-    def set_measured(self, position_rad: float, velocity_rad_s: float, torque_n_m: float) -> None:
-        """At the output shaft."""
-
-
-class FollowerMotors(Protocol):
-    """The Follower's eleven motors, in the order of the configuration."""
-
-    wheels: tuple[Motor, Motor]
-    joints: tuple[Motor, ...]
-    grippers: tuple[Motor, ...]
-    lift: Motor
-
-
-class LeaderIo(Protocol):
-    """The Leader's I/O module as the hardware sees it."""
-
-    led_setpoint_a: tuple[float, ...]
-    actuator_extend: bool
-    actuator_retract: bool
-
-    def set_inputs(
-        self,
-        led_current_a: tuple[float, ...],
-        actuator_current_a: float,
-        *,
-        guide_lifted: bool,
-        beam_seated: bool,
-        lock_extended: bool,
-        lock_retracted: bool,
-    ) -> None:
-        """What the sensors say."""
+_BLOCKED_TRAVEL = 0.5
+_TRAVEL_CURRENT_A, _JAM_CURRENT_A = 1.2, 6.0
 
 
 class Plant:
     """Advances the world to a time; reads set-points from the motors and writes their measurements."""
 
-    def __init__(self, config: Config, world: WorldConfig, motors: FollowerMotors, leader_io: LeaderIo) -> None:
-        self._config, self._world, self._motors, self._io = config, world, motors, leader_io
+    def __init__(self, config: Config, world: WorldConfig, follower: FollowerBus, leader: LeaderBus) -> None:
+        self._config, self._world, self._follower, self._leader = config, world, follower, leader
+        self._wheels = (follower.left_wheel, follower.right_wheel)
         self.pose = world.start_pose
         self.v_m_s = self.w_rad_s = 0.0
         self._wheel_speed = [0.0, 0.0]
@@ -112,8 +74,8 @@ class Plant:
         base, world = self._config.base, self._world
         gain = 1.0 + (world.load_gain if self.contact.gripped else 0.0)
         follow = 1.0 - math.exp(-dt_s / world.wheel_lag_s)
-        for i, motor in enumerate(self._motors.wheels):
-            target = motor.velocity_setpoint_rad_s if motor.power_enabled else 0.0
+        for i, motor in enumerate(self._wheels):
+            target = motor.velocity_setpoint_rad_s if motor.enabled else 0.0
             self._wheel_speed[i] += follow * (gain * target - self._wheel_speed[i])
             self._wheel_angle[i] += self._wheel_speed[i] * dt_s
         left, right = (speed * base.wheel_radius_m for speed in self._wheel_speed)
@@ -126,16 +88,16 @@ class Plant:
             self.pose.y_m + self.v_m_s * math.sin(heading) * dt_s,
             wrap_angle(self.pose.theta_rad + self.w_rad_s * dt_s),
         )
-        for i, motor in enumerate(self._motors.wheels):
+        for i, motor in enumerate(self._wheels):
             motor.set_measured(self._wheel_angle[i], self._wheel_speed[i], 0.0)
 
     def _move_arms(self, dt_s: float) -> None:
         per_arm = self.contact.handle_force_n * self._config.arms.lever_m / 2
-        for i, motor in enumerate(self._motors.joints):
+        for i, motor in enumerate(self._follower.joints):
             share = _JOINT_SHARES[i % len(_JOINT_SHARES)]
-            motor.set_measured(0.0, 0.0, share * per_arm if motor.power_enabled else 0.0)
-        for i, motor in enumerate(self._motors.grippers):
-            told = motor.torque_setpoint_n_m if motor.power_enabled else 0.0
+            motor.set_measured(0.0, 0.0, share * per_arm if motor.enabled else 0.0)
+        for i, motor in enumerate(self._follower.grippers):
+            told = motor.torque_setpoint_n_m if motor.enabled else 0.0
             direction = (told < -_GRIP_FREE_TORQUE_N_M) - (told > _GRIP_FREE_TORQUE_N_M)
             moved = self._grip_angle[i] + direction * _GRIP_SPEED_RAD_S * dt_s
             angle = min(_GRIP_OPEN_RAD, max(_GRIP_CLOSED_RAD, moved))
@@ -148,27 +110,26 @@ class Plant:
             self.contact.gripped = False
         elif closed and not self.contact.gripped and abs(self._handle_reach().x_m - self.contact.beam_x_m) < 0.05:
             self.contact.regrip(self._handle_reach().x_m)
-        lift = self._motors.lift
-        wanted = lift.position_setpoint_rad if lift.power_enabled else self._lift_m
+        lift = self._follower.lift
+        wanted = lift.position_setpoint if lift.enabled else self._lift_m
         step = _LIFT_SPEED_M_S * dt_s
         self._lift_m += min(step, max(-step, wanted - self._lift_m))
         lift.set_measured(self._lift_m, 0.0, 0.0)
 
     def _move_leader(self, dt_s: float) -> None:
-        io = self._io
+        leader = self._leader
         share = 1.0 - math.exp(-dt_s / _LED_TIME_CONSTANT_S)
-        for i, told in enumerate(io.led_setpoint_a):
-            self.led_current_a[i] += share * (told - self.led_current_a[i])
-        moving = int(io.actuator_extend) - int(io.actuator_retract)
+        for i in range(len(self.led_current_a)):
+            self.led_current_a[i] += share * (leader.led_setpoint_a(i) - self.led_current_a[i])
+            leader.set_led_current(i, self.led_current_a[i])
+        moving = leader.actuator
         travel = self._lock_travel + moving * dt_s / self._world.lock_travel_s
         # without a beam in its seat the guide hangs in the bolt's way
-        limit = 1.0 if self.contact.seated else 0.5
-        blocked = travel > limit
+        limit = 1.0 if self.contact.seated else _BLOCKED_TRAVEL
         self._lock_travel = min(limit, max(0.0, travel))
-        at_end = blocked or travel < 0.0
-        io.set_inputs(
-            tuple(self.led_current_a),
-            0.0 if moving == 0 else (6.0 if at_end and self._lock_travel < 1.0 and moving > 0 else 1.2),
+        jammed = travel > limit and limit < 1.0
+        leader.set_actuator_current(0.0 if not moving else _JAM_CURRENT_A if jammed else _TRAVEL_CURRENT_A)
+        leader.set_switches(
             guide_lifted=self.contact.lifted,
             beam_seated=self.contact.seated,
             lock_extended=self._lock_travel >= 1.0,

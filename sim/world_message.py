@@ -8,7 +8,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from common.channels import Channel
-from common.messages import STRICT, Angle, Count, Metres, Ns, Speed
+from common.messages import STRICT, Angle, Metres, Ns, Speed
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -32,7 +32,6 @@ class WorldState:
     gripped: bool
     seated: bool
     locked: bool
-    setpoints: Count
 
 
 WORLD = Channel("world/state", WorldState, "world", 60, 100)

@@ -1,0 +1,145 @@
+"""What stands between the other processes and the drives: arming, the gate, and what is done when it stops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from common.channels import ARM_SETPOINT
+from common.config import Config
+from common.kinematics import twist_from_wheels, wheels_from_twist
+from common.messages import ArmSetpoint, Mission
+from common.node import Received
+from common.timing import NS_PER_S
+from follower.can_bridge.gate import ArmToken, Decision, Gate, SignedCommand, StopInputs, WheelStatus
+from follower.can_bridge.measurement import DriveSetpoint, Measurement
+
+State = Literal["starting", "disarmed", "enabling", "armed", "stopped", "fault"]
+# rules that hold the wheels without anything being wrong
+BENIGN_RULES = frozenset({"", "not_armed", "not_enabled", "no_command"})
+_STANDSTILL_M_S = 0.005
+_DISABLE_NS = NS_PER_S // 2
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What the other processes said last; their ages are judged here and in the gate."""
+
+    now_ns: int
+    command: SignedCommand | None
+    mission: Received[Mission] | None
+    arms: Received[ArmSetpoint] | None
+
+
+@dataclass(frozen=True)
+class Orders:
+    """What the bus is to do in this cycle; ``power`` is what is asked of the drives, None for no change."""
+
+    setpoint: DriveSetpoint
+    power: Literal["enable", "stop_arms", "disable"] | None
+    decision: Decision
+
+
+class Bridge:
+    """Pure: one :meth:`step` per cycle, before the exchange that carries its orders out.
+
+    A rule of the gate that is not benign stops the motion and disarms until the supervisor begins a new epoch.
+    """
+
+    def __init__(self, config: Config, boot_id: str) -> None:
+        self._config = config
+        self._boot_id = boot_id
+        self._gate = Gate(config.limits, config.base, boot_id)
+        self._stopped_epoch = -1
+        self._still_since_ns: int | None = None
+        self._last_intervention: tuple[str, ...] = ()
+        self._was_armed = False
+        self.state: State = "starting"
+        self.cause = ""
+        self.epoch = 0
+        self.interventions = 0
+
+    def step(self, heard: Heard, measured: Measurement) -> Orders:
+        """Decide from what was heard and from the last exchange."""
+        mission = heard.mission.message if heard.mission is not None else None
+        wanted = mission is not None and mission.armed and mission.epoch != self._stopped_epoch
+        decision = self._gate.step(
+            heard.now_ns,
+            heard.command,
+            self._token(heard.mission) if wanted else None,
+            WheelStatus(measured.measured_ns, *measured.wheel_speed_rad_s, measured.wheels_enabled),
+            StopInputs(measured.inputs_fresh, measured.estop_clear, measured.protective_clear),
+        )
+        if mission is not None and wanted:
+            self.epoch = mission.epoch
+        self._follow(heard, measured, decision, wanted)
+        self._count(decision)
+        return Orders(self._setpoint(heard, measured, decision), self._power(heard.now_ns, measured), decision)
+
+    def _token(self, mission: Received[Mission] | None) -> ArmToken | None:
+        if mission is None:
+            return None
+        told, header = mission.message, mission.header
+        return ArmToken(
+            told.armed, header.stamp_ns, header.boot_id, told.epoch, told.phase, told.v_max_m_s, told.w_max_rad_s
+        )
+
+    def _follow(self, heard: Heard, measured: Measurement, decision: Decision, wanted: bool) -> None:
+        """The arming state, from what holds now."""
+        if measured.faults or not measured.bus_ok:
+            self.state = "fault"
+            self.cause = measured.faults[0] if measured.faults else "bus lost"
+            if wanted:
+                self._stopped_epoch = self.epoch
+        elif not wanted:
+            if self.state != "stopped" or heard.mission is None or heard.mission.message.epoch != self._stopped_epoch:
+                self.state, self.cause = "disarmed", ""
+        elif measured.wheels_enabled and measured.arms_enabled:
+            self._was_armed = True
+            self.state, self.cause = "armed", ""
+            reason = decision.rule if decision.rule not in BENIGN_RULES else self._arms_reason(heard)
+            if reason:
+                self.state, self.cause = "stopped", reason
+                self._stopped_epoch = self.epoch
+        else:
+            self.state, self.cause = "enabling", ""
+
+    def _arms_reason(self, heard: Heard) -> str:
+        if heard.arms is None or heard.now_ns - heard.arms.header.stamp_ns > ARM_SETPOINT.max_age_ns:
+            return "arm_setpoint_age"
+        return ""
+
+    def _power(self, now_ns: int, measured: Measurement) -> Literal["enable", "stop_arms", "disable"] | None:
+        if self.state in ("enabling", "armed"):
+            self._still_since_ns = None
+            return "enable"
+        v, _ = twist_from_wheels(self._config.base, measured.wheel_speed_rad_s)
+        if abs(v) > _STANDSTILL_M_S:
+            self._still_since_ns = None
+        elif self._still_since_ns is None:
+            self._still_since_ns = now_ns
+        if self._still_since_ns is not None and now_ns - self._still_since_ns >= _DISABLE_NS:
+            return "disable"
+        return "stop_arms" if self._was_armed else None
+
+    def _setpoint(self, heard: Heard, measured: Measurement, decision: Decision) -> DriveSetpoint:
+        left, right = wheels_from_twist(self._config.base, decision.v_m_s, decision.w_rad_s)
+        setpoint = DriveSetpoint(left, right, lift_m=measured.lift_m)
+        arms = heard.arms.message if heard.arms is not None and not self._arms_reason(heard) else None
+        if self.state not in ("enabling", "armed") or arms is None:
+            return setpoint
+        return replace(
+            setpoint,
+            joint_torque_n_m=arms.joint_torque_n_m,
+            grip_torque_n_m=arms.grip_torque_n_m,
+            lift_m=arms.lift_m,
+        )
+
+    def _count(self, decision: Decision) -> None:
+        """Interventions; the rate rule spreads every command over its period and is none."""
+        rule = decision.rule if decision.rule not in BENIGN_RULES else ""
+        names = (rule, decision.dropped, *(name for name in decision.clipped if name != "rate"))
+        present = tuple(name for name in names if name)
+        if present and present != self._last_intervention and self.state in ("armed", "stopped"):
+            self.interventions += 1
+        self._last_intervention = present

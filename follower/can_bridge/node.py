@@ -1,0 +1,116 @@
+"""CAN bridge process: command → gate → CAN; CAN → drives."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+from common.channels import ARM_SETPOINT, COMMAND, DRIVES, MISSION
+from common.messages import Drives
+from common.node import DeviceError, Inbox, Node, NodeContext, Output, Trigger
+from common.timing import NS_PER_S
+from follower.can_bridge.bridge import Bridge, Heard, Orders
+from follower.can_bridge.drive_bus import DriveBus
+from follower.can_bridge.gate import Decision, SignedCommand
+from follower.can_bridge.measurement import DriveSetpoint, Measurement
+
+_REOPEN_NS = NS_PER_S
+_log = logging.getLogger("follower-can-bridge")
+
+
+class CanBridgeNode(Node):
+    """One exchange with the bus every 10 ms, and one at once for each new command."""
+
+    name = "follower-can-bridge"
+    inputs = (COMMAND, MISSION, ARM_SETPOINT)
+    outputs = (DRIVES,)
+    trigger = Trigger(period_ns=NS_PER_S // 100, wakes=(COMMAND,))
+
+    def __init__(self, context: NodeContext) -> None:
+        config = context.config
+        self._clock = context.clock
+        self._bus = DriveBus(config.follower_can, config.base, context.config_path)
+        self._bridge = Bridge(config, context.clock.boot_id)
+        self._measured: Measurement | None = None
+        self._sequence = -1
+        self._image_to_can_ns = 0
+        self._reopen_ns = 0
+        self._state = ""
+
+    def start(self, now_ns: int) -> None:
+        """Bring every node up, disabled."""
+        self._bus.open()
+        self._measured = self._bus.exchange(now_ns, DriveSetpoint())
+
+    def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
+        """Gate, exchange, report."""
+        assert self._measured is not None
+        if not self._measured.bus_ok and now_ns >= self._reopen_ns:
+            self._reopen(now_ns)
+        command = inputs.newest(COMMAND)
+        signed = SignedCommand(command.message, command.header.run_id, command.header.boot_id) if command else None
+        heard = Heard(now_ns, signed, inputs.newest(MISSION), inputs.newest(ARM_SETPOINT))
+        orders = self._bridge.step(heard, self._measured)
+        self._request(orders)
+        self._measured = self._bus.exchange(now_ns, orders.setpoint)
+        self._time(orders.decision, signed)
+        if self._bridge.state != self._state:
+            self._state = self._bridge.state
+            _log.info("%s %s", self._state, self._bridge.cause)
+        return ((DRIVES, self._drives(self._measured, orders.decision)),)
+
+    def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002 - the contract's signature
+        """Quick-stop and disable, in order; also after a fault of this process."""
+        self._bus.close()
+        return ()
+
+    def _request(self, orders: Orders) -> None:
+        if orders.power == "enable":
+            self._bus.enable()
+        elif orders.power == "stop_arms":
+            self._bus.quick_stop(("arms",))
+        elif orders.power == "disable":
+            self._bus.disable()
+
+    def _reopen(self, now_ns: int) -> None:
+        """The way back after a lost bus: everything is brought up anew, disabled."""
+        self._reopen_ns = now_ns + _REOPEN_NS
+        try:
+            self._bus.open()
+        except DeviceError as error:
+            _log.warning("%s", error)
+
+    def _time(self, decision: Decision, command: SignedCommand | None) -> None:
+        """From the image's capture to its command's first frame on the bus."""
+        if command is not None and decision.sequence != self._sequence and decision.sequence >= 0:
+            self._sequence = decision.sequence
+            self._image_to_can_ns = max(0, self._clock.now_ns() - command.command.capture_ns)
+
+    def _drives(self, measured: Measurement, decision: Decision) -> Drives:
+        bridge = self._bridge
+        return Drives(
+            state=bridge.state,
+            cause=bridge.cause[:400],
+            epoch=bridge.epoch,
+            measured_ns=max(0, measured.measured_ns),
+            wheel_speed_rad_s=measured.wheel_speed_rad_s,
+            wheel_angle_rad=measured.wheel_angle_rad,
+            joint_torque_n_m=measured.joint_torque_n_m,
+            joint_angle_rad=measured.joint_angle_rad,
+            grip_torque_n_m=measured.grip_torque_n_m,
+            grip_angle_rad=measured.grip_angle_rad,
+            lift_m=measured.lift_m,
+            stop_inputs_clear=measured.inputs_fresh and measured.estop_clear and measured.protective_clear,
+            battery_v=measured.battery_v,
+            v_set_m_s=decision.v_m_s,
+            w_set_rad_s=decision.w_rad_s,
+            command_sequence=max(0, self._sequence),
+            image_to_can_ns=self._image_to_can_ns,
+            gate_rule=decision.rule,
+            gate_interventions=bridge.interventions,
+        )
+
+
+def make(context: NodeContext) -> CanBridgeNode:
+    """The Follower's CAN bridge."""
+    return CanBridgeNode(context)
