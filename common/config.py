@@ -168,14 +168,21 @@ class SupervisorConfig(Section):
 
 
 class ArmsConfig(Section):
-    """Handle torques and the contact threshold."""
+    """Handle torques; the force that is contact, and the greater one that is a rigid connection."""
 
     lever_m: Positive
     pushing_force_n: NonNegative
     grip_torque_n_m: Positive
     release_torque_n_m: Annotated[float, Field(lt=0)]
     contact_force_n: Positive
+    connected_force_n: Positive
     lift_height_m: NonNegative
+
+    @model_validator(mode="after")
+    def _connection_is_firmer_than_contact(self) -> ArmsConfig:
+        if self.connected_force_n <= self.contact_force_n:
+            raise ValueError("connected_force_n must be greater than contact_force_n")
+        return self
 
 
 class DriveConfig(Section):

@@ -213,11 +213,12 @@ class ArmSetpoint:
 
 @dataclass(frozen=True, config=STRICT)
 class ArmState:
-    """What the arms feel: force along the handle, contact ahead, what the grippers hold."""
+    """What the arms feel: force along the handle, contact ahead, a rigid connection, what the grippers hold."""
 
     SCHEMA: ClassVar[str] = "arm_state/1"
     handle_force_n: Annotated[float, Field(ge=-5000, le=5000)]
     contact: bool
+    connected: bool
     gripped: bool
     released: bool
 

@@ -23,13 +23,13 @@ _PAPER = {
     "m_w": "0.057",
 }
 _LABELS = {
-    "e_x_cm": "e_x  normal error [cm]",
-    "e_y_cm": "e_y  lateral error [cm]",
-    "e_theta_deg": "e_θ  heading error [°]",
-    "e_p_px": "e_p  features [px]",
-    "m_v": "M_v  smoothness [m/s]",
-    "m_w": "M_ω  smoothness [rad/s]",
-    "duration_s": "duration [s]",
+    "e_x_cm": "e_x  normal error, cm",
+    "e_y_cm": "e_y  lateral error, cm",
+    "e_theta_deg": "e_θ  heading error, °",
+    "e_p_px": "e_p  features, px",
+    "m_v": "M_v  smoothness, m/s",
+    "m_w": "M_ω  smoothness, rad/s",
+    "duration_s": "duration, s",
 }
 
 
@@ -58,10 +58,10 @@ def print_results(results: dict[str, Any], console: Console) -> None:
         table.add_row(label, _number(results["metrics"][key]), _PAPER.get(key, ""))
     frames, latency = results["frames"], results["image_to_can_ms"]
     table.add_row("frames seen / dropped", f"{frames['seen']} / {frames['dropped']}", "")
-    table.add_row("image → CAN p50 / p99 [ms]", f"{_number(latency['p50'])} / {_number(latency['p99'])}", "")
-    table.add_row("control rate [Hz]", _number(results["control_hz"]), "20")
+    table.add_row("image → CAN p50 / p99, ms", f"{_number(latency['p50'])} / {_number(latency['p99'])}", "")
+    table.add_row("control rate, Hz", _number(results["control_hz"]), "20")
     phases = "  ".join(f"{name} {seconds:.1f}" for name, seconds in results["phases_s"].items())
-    table.add_row("phases [s]", phases, "")
+    table.add_row("phases, s", phases, "")
     console.print(table)
 
 

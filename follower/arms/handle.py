@@ -13,30 +13,40 @@ _FILTER_SHARE = 0.2
 _CLOSED_RAD, _OPEN_RAD = 0.3, 1.0
 
 
+class _Threshold:
+    """Passed by a force that stays above for 50 ms, until it falls below half."""
+
+    def __init__(self, force_n: float) -> None:
+        self._threshold_n = force_n
+        self._above = 0
+        self._on = False
+
+    def passed(self, force_n: float) -> bool:
+        self._above = self._above + 1 if force_n > self._threshold_n else 0
+        if self._above >= _CONTACT_SAMPLES:
+            self._on = True
+        elif force_n < _RELEASE_SHARE * self._threshold_n:
+            self._on = False
+        return self._on
+
+
 class HandleHold:
     """Steps at 100 Hz with each measurement of the drives."""
 
     def __init__(self, config: ArmsConfig) -> None:
         self._config = config
         self._force_n = 0.0
-        self._above = 0
-        self._contact = False
+        self._contact = _Threshold(config.contact_force_n)
+        self._connected = _Threshold(config.connected_force_n)
 
     def feel(self, drives: Drives) -> ArmState:
-        """Force along the handle from the shoulder torques, and contact with hysteresis.
-
-        Contact is a filtered force above the threshold for 50 ms; it ends below half of it.
-        """
+        """Force along the handle from the shoulder torques, contact and rigid connection."""
         left, right = drives.joint_torque_n_m[0], drives.joint_torque_n_m[3]
         self._force_n += _FILTER_SHARE * ((left + right) / self._config.lever_m - self._force_n)
-        self._above = self._above + 1 if self._force_n > self._config.contact_force_n else 0
-        if self._above >= _CONTACT_SAMPLES:
-            self._contact = True
-        elif self._force_n < _RELEASE_SHARE * self._config.contact_force_n:
-            self._contact = False
         return ArmState(
             handle_force_n=self._force_n,
-            contact=self._contact,
+            contact=self._contact.passed(self._force_n),
+            connected=self._connected.passed(self._force_n),
             gripped=all(angle < _CLOSED_RAD for angle in drives.grip_angle_rad),
             released=all(angle > _OPEN_RAD for angle in drives.grip_angle_rad),
         )

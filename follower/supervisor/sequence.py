@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 from common.config import Config
 from common.geometry import features_at
-from common.kinematics import wheels_from_twist
 from common.messages import (
     Answer,
     ArmState,
@@ -26,7 +25,6 @@ from common.timing import NS_PER_S
 
 _CONFIRM_NS = NS_PER_S // 2
 _SILENT_NS = NS_PER_S // 4
-_EARLY_CONTACT_NS = NS_PER_S
 _LOCK_REPEAT_NS = NS_PER_S
 _PUSH_STROKE_SHARE = 0.8
 LAST_METRE_M = 1.0
@@ -164,18 +162,13 @@ class DockingSequence:
         if seen.drives is None:
             return
         pushed_m = self._driven(seen.drives)
-        contact = seen.arms is not None and seen.arms.contact
-        deep = pushed_m >= _PUSH_STROKE_SHARE * self._push_stroke_m()
-        if contact and deep:
+        connected = seen.arms is not None and seen.arms.connected
+        if connected and pushed_m >= _PUSH_STROKE_SHARE * self._config.docking.push_stroke_m:
             self._enter("lock", seen.now_ns)
+        elif connected:
+            self._abort("contact_early", seen.now_ns)
         elif pushed_m > self._config.supervisor.push_limit_m:
             self._abort("no_contact", seen.now_ns)
-        elif contact:
-            self._holding_since_ns = self._holding_since_ns or seen.now_ns
-            if seen.now_ns - self._holding_since_ns > _EARLY_CONTACT_NS and self._stalled(seen.drives):
-                self._abort("contact_early", seen.now_ns)
-        else:
-            self._holding_since_ns = None
 
     def _lock(self, seen: Observed) -> LockRequest | None:
         refused = [a for a in seen.lock_answers if a.id == self._lock_id and a.outcome in ("refused", "expired")]
@@ -247,19 +240,12 @@ class DockingSequence:
         features = features_at(config.leds.points, config.docking.goal(self._trolley), config.camera.mount)
         return tuple((float(a), float(b)) for a, b in features)
 
-    def _push_stroke_m(self) -> float:
-        return self._config.docking.push_stroke_m
-
     def _driven(self, drives: Drives) -> float:
         """Metres driven since the phase began, by the wheels."""
         odometer = sum(drives.wheel_angle_rad) / 2 * self._config.base.wheel_radius_m
         if self._odometer_start_m is None:
             self._odometer_start_m = odometer
         return odometer - self._odometer_start_m
-
-    def _stalled(self, drives: Drives) -> bool:
-        told, _ = wheels_from_twist(self._config.base, drives.v_set_m_s, 0.0)
-        return sum(drives.wheel_speed_rad_s) / 2 < 0.3 * told
 
     def _overdue(self, seen: Observed, limit_s: float) -> bool:
         return seen.now_ns - self._since_ns > limit_s * NS_PER_S

@@ -35,6 +35,13 @@ def test_contact_has_hysteresis_and_ignores_a_spike(config: Config) -> None:
     assert not [handle.feel(pushing(config, 0.2 * threshold)).contact for _ in range(100)][-1]
 
 
+def test_a_rigid_connection_takes_more_than_the_guide(config: Config) -> None:
+    handle = HandleHold(config.arms)
+    states = [handle.feel(pushing(config, 45.0)) for _ in range(100)]
+    assert (states[-1].contact, states[-1].connected) == (True, False)
+    assert [handle.feel(pushing(config, 100.0)).connected for _ in range(40)][-1]
+
+
 def test_grippers_report_closed_and_open(config: Config) -> None:
     handle = HandleHold(config.arms)
     assert handle.feel(pushing(config, 0.0, 0.0)).gripped
