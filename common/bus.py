@@ -149,7 +149,7 @@ def _peer_config(listen: str, connect: list[str]) -> zenoh.Config:
                 "listen": {"endpoints": [f"unixsock-stream/{listen}"]},
                 "connect": {
                     "endpoints": [f"unixsock-stream/{path}" for path in connect],
-                    "timeout_ms": 0,
+                    "timeout_ms": -1,
                     "exit_on_failure": False,
                     "retry": {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2},
                 },

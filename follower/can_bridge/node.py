@@ -37,14 +37,15 @@ class CanBridgeNode(Node):
         self._reopen_ns = 0
         self._state = ""
 
-    def start(self, now_ns: int) -> None:
+    def start(self, now_ns: int) -> None:  # noqa: ARG002 - the contract's signature
         """Bring every node up, disabled."""
         self._bus.open()
-        self._measured = self._bus.exchange(now_ns, DriveSetpoint())
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
         """Gate, exchange, report."""
-        assert self._measured is not None
+        if self._measured is None:
+            self._measured = self._bus.exchange(now_ns, DriveSetpoint())
+            return ()
         if not self._measured.bus_ok and now_ns >= self._reopen_ns:
             self._reopen(now_ns)
         command = inputs.newest(COMMAND)
@@ -59,7 +60,7 @@ class CanBridgeNode(Node):
             _log.info("%s %s", self._state, self._bridge.cause)
         return ((DRIVES, self._drives(self._measured, orders.decision)),)
 
-    def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002 - the contract's signature
+    def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002
         """Quick-stop and disable, in order; also after a fault of this process."""
         self._bus.close()
         return ()
