@@ -15,13 +15,12 @@ from typing import Any
 
 import can
 
-from common.canopen_frames import CanFrame
+from common.canopen_frames import BUS_OFF, CanFrame
 from common.config import BusConfig
 from common.node import DeviceError
 
 CONNECT_TIMEOUT_S = 2.0
 DRAIN_LIMIT = 4096
-_BUS_OFF = 0x40  # CAN_ERR_BUSOFF of an error frame's identifier: linux/can/error.h
 _IDLE_READS = 20
 _QUIET_LOGGERS = ("can", "canopen")
 
@@ -115,7 +114,7 @@ class CanBus:
             raise BusLostError(f"CAN bus {self.name}: cannot receive: {_first_line(error)}") from error
 
     def _frame(self, message: can.Message) -> CanFrame | None:
-        if message.is_error_frame and message.arbitration_id & _BUS_OFF:
+        if message.is_error_frame and message.arbitration_id & BUS_OFF:
             raise BusLostError(f"CAN bus {self.name}: bus-off")
         if message.is_error_frame or message.is_extended_id or message.is_remote_frame:
             self.oddities += 1

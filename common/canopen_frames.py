@@ -27,6 +27,9 @@ STATE_PRE_OPERATIONAL = 0x7F
 
 PDO_INVALID = 0x8000_0000
 HEARTBEAT_LOST = 0x8130
+ERROR_FLAG = 0x2000_0000
+"""Marks a frame that is no data frame but the CAN controller's own report (linux/can.h); the rest says which."""
+BUS_OFF = 0x0000_0040
 
 _EMCY = struct.Struct("<HB5s")
 # CiA 301 table of emergency error codes and CiA 402's additions; the longest matching prefix names the fault.

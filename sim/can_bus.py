@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from common.canopen_frames import HEARTBEAT, NMT, SYNC, CanFrame
+from sim.can_faults import BusFaults
 
 
 class BusNode(Protocol):
@@ -21,10 +22,14 @@ class BusNode(Protocol):
 
 
 class SimulatedBus:
-    """Nodes on one bus, without arbitration, delay or loss. Simulated nodes do not hear one another."""
+    """Nodes on one bus, without arbitration or delay; what goes wrong is what ``faults`` says.
+
+    Simulated nodes do not hear one another.
+    """
 
     def __init__(self, nodes: Sequence[BusNode]) -> None:
         self.nodes = tuple(nodes)
+        self.faults = BusFaults()
         self._by_id = {node.node_id: node for node in nodes}
         if len(self._by_id) != len(self.nodes):
             raise ValueError("two nodes have the same id")
@@ -33,16 +38,16 @@ class SimulatedBus:
         """A frame from outside; the nodes' answers in the order of arbitration by node."""
         service = frame.can_id & 0x780
         if frame.can_id in (NMT, SYNC) or service == HEARTBEAT:
-            answers: list[CanFrame] = []
-            for node in self.nodes:
-                answers += node.handle(frame, now_ns)
-            return answers
-        addressed = self._by_id.get(frame.can_id & 0x7F)
-        return addressed.handle(frame, now_ns) if addressed is not None else []
+            addressed: Sequence[BusNode] = self.nodes
+        else:
+            node = self._by_id.get(frame.can_id & 0x7F)
+            addressed = (node,) if node is not None else ()
+        return self._collect([node.handle(frame, now_ns) for node in addressed if self.faults.hears(node.node_id)])
 
     def tick(self, now_ns: int) -> list[CanFrame]:
         """What the nodes send by themselves at this time."""
-        sent: list[CanFrame] = []
-        for node in self.nodes:
-            sent += node.tick(now_ns)
-        return sent
+        return self._collect([node.tick(now_ns) for node in self.nodes])
+
+    def _collect(self, sent: list[list[CanFrame]]) -> list[CanFrame]:
+        frames = [frame for frames in sent for frame in frames]
+        return self.faults.spoil(frames) if self.faults.active else frames

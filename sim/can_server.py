@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from common.canopen_frames import CanFrame
+from common.canopen_frames import ERROR_FLAG, CanFrame
 from common.timing import NS_PER_MS
 from sim.can_bus import SimulatedBus
 
@@ -178,7 +178,7 @@ class CanServer:
                 self._deliver(name, bus.tick(now_ns), now_ns)
 
     def _deliver(self, bus: str, frames: Iterable[CanFrame], now_ns: int, sender: _Client | None = None) -> None:
-        text = b"".join(b"< frame %03X %d.%06d %s >" % _fields(frame, now_ns) for frame in frames)
+        text = b"".join(_text(frame, now_ns) for frame in frames)
         if not text:
             return
         for client in self._clients.values():
@@ -201,9 +201,12 @@ class CanServer:
             self._drop(client)
 
 
-def _fields(frame: CanFrame, now_ns: int) -> tuple[int, int, int, bytes]:
-    microseconds = now_ns // 1000
-    return frame.can_id, microseconds // 1_000_000, microseconds % 1_000_000, frame.data.hex().encode()
+def _text(frame: CanFrame, now_ns: int) -> bytes:
+    """The frame as socketcand writes it in raw mode."""
+    stamp = b"%d.%06d" % divmod(now_ns // 1000, 1_000_000)
+    if frame.can_id & ERROR_FLAG:
+        return b"< error %08X %s >" % (frame.can_id, stamp)
+    return b"< frame %03X %s %s >" % (frame.can_id, stamp, frame.data.hex().encode())
 
 
 def _frame(identifier: bytes, length: bytes, octets: list[bytes]) -> CanFrame | None:

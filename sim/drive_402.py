@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from common.config import DriveConfig
+from sim.can_faults import EncoderFault
 from sim.canopen_device import CanopenDevice, Key
 from sim.drive_profile import approach, ramp
 
@@ -30,6 +31,8 @@ class PowerState(Enum):
 
 _POWERED = (PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE, PowerState.FAULT_REACTION_ACTIVE)
 _STAYS_IN_QUICK_STOP = (5, 6, 7, 8)
+UNDERVOLTAGE = 0x3220
+UNDERVOLTAGE_V = 18.0
 _REMOTE = 0x0200
 _TARGET_REACHED = 0x0400
 _BIT_12 = 0x1000
@@ -50,6 +53,7 @@ class Drive402(CanopenDevice):
         self.values[0x6076, 0] = round(config.rated_torque_n_m * 1000)
         self.state = PowerState.SWITCH_ON_DISABLED
         self.voltage_v = 48.0
+        self.encoder = EncoderFault()
         self._after_ramp: PowerState | None = None
         self._last_controlword = 0
         self._velocity = 0.0
@@ -107,6 +111,8 @@ class Drive402(CanopenDevice):
 
     def moved(self, elapsed_s: float) -> None:
         """Advance the profile of the active mode, or the ramp of a stop."""
+        if self.voltage_v < UNDERVOLTAGE_V and self.state not in (PowerState.FAULT_REACTION_ACTIVE, PowerState.FAULT):
+            self.trip(UNDERVOLTAGE, 0x04)
         if not self.enabled or elapsed_s <= 0.0:
             return
         stopping = self.state is not PowerState.OPERATION_ENABLED or self._after_ramp is not None
@@ -130,7 +136,8 @@ class Drive402(CanopenDevice):
 
     def sampled(self) -> None:
         """Quantise the measurement and compose the statusword."""
-        position, velocity, torque = self._measured
+        position, velocity = self.encoder.read(self._measured[0], self._measured[1])
+        torque = self._measured[2]
         values = self.values
         counts = round(position * self._counts_per_unit)
         values[0x6064, 0] = (counts + _INT32 // 2) % _INT32 - _INT32 // 2
@@ -283,7 +290,7 @@ class Drive402(CanopenDevice):
         )
 
     def _statusword(self) -> int:
-        word = self.state.value | _REMOTE | (0x10 if self.voltage_v > 10.0 else 0)
+        word = self.state.value | _REMOTE | (0x10 if self.voltage_v > UNDERVOLTAGE_V else 0)
         mode = self.values[0x6061, 0]
         if mode == 1:
             word |= _BIT_12 if self._acknowledged else 0

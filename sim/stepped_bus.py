@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import can
 
-from common.canopen_frames import CanFrame
+from common.canopen_frames import ERROR_FLAG, CanFrame
 from sim.can_bus import SimulatedBus
 
 
@@ -97,6 +97,8 @@ class SteppedBus(can.BusABC):
                 raise can.CanOperationError("the simulation has ended")
             return None, True
         frame = self.inbox.popleft()
+        if frame.can_id & ERROR_FLAG:
+            return can.Message(arbitration_id=frame.can_id & ~ERROR_FLAG, data=frame.data, is_error_frame=True), True
         return can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False), True
 
     def unplug(self) -> None:

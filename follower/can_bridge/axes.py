@@ -36,7 +36,7 @@ _QUICK_STOP_THEN_OFF = 2
 _QUICK_STOP_AND_HOLD = 6
 _ABORT_BY_QUICK_STOP = 3
 _INT32 = 1 << 32
-_OUTSTANDING = 2
+OUTSTANDING = 2
 
 
 @dataclass
@@ -170,7 +170,7 @@ class Axis:
 
     def synchronised(self) -> None:
         """A SYNC went out: one more answer to each TPDO is due."""
-        self.expected = [min(count + 1, _OUTSTANDING) for count in self.expected]
+        self.expected = [min(count + 1, OUTSTANDING) for count in self.expected]
 
     def _see(self, statusword: int) -> None:
         self.statusword = statusword

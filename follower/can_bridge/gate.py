@@ -25,9 +25,10 @@ COMMAND_MAX_AGE_MS: Final = 120
 TOKEN_MAX_AGE_MS: Final = 200
 STATUS_MAX_AGE_MS: Final = 50
 WINDOW_MS: Final = 250
+WINDOW_ENTRIES: Final = 128
 MAX_STEP_MS: Final = 20
-MAX_SPEED_GAP_M_S: Final = 0.20
-MAX_TURN_GAP_RAD_S: Final = 0.80
+MAX_RIM_GAP_M_S: Final = 0.15
+MAX_RIM_GAP_SHARE: Final = 0.20
 MAX_MEASURED_JUMP_M_S: Final = 0.30
 
 
@@ -132,7 +133,7 @@ class Gate:
         self._last_ns: int | None = None
         self._v = 0.0
         self._w = 0.0
-        self._window: deque[tuple[int, float, float]] = deque()
+        self._window: deque[tuple[int, float, float]] = deque(maxlen=WINDOW_ENTRIES)
         self._status: WheelStatus | None = None
 
     def step(
@@ -217,6 +218,8 @@ class Gate:
             return "not_armed"
         if not _young(now_ns, token.stamp_ns, TOKEN_MAX_AGE_MS):
             return "token_age"
+        if not (token.v_max_m_s >= 0.0 and token.w_max_rad_s >= 0.0):  # also false for NaN
+            return "token_caps"
         if not status.enabled:
             return "not_enabled"
         held = self._held
@@ -242,47 +245,41 @@ class Gate:
         return "measured_jump" if max(left, right) > MAX_MEASURED_JUMP_M_S else ""
 
     def _far_from_measured(self, v: float, w: float, status: WheelStatus) -> bool:
-        """The wheels do not do what they were told: blocked, slipping encoder, wrong sign.
-
-        Only a set-point beyond the measurement counts; one that slows down is welcome.
-        """
-        measured_v = (status.left_rad_s + status.right_rad_s) / 2.0 * self._radius
-        measured_w = (status.right_rad_s - status.left_rad_s) / 2.0 * self._radius / self._half_track
-        return _beyond(v, measured_v, MAX_SPEED_GAP_M_S) or _beyond(w, measured_w, MAX_TURN_GAP_RAD_S)
+        """A wheel does not do what it is told: blocked, stuck encoder, wrong sign."""
+        turn = w * self._half_track
+        return _beyond(v - turn, status.left_rad_s * self._radius) or _beyond(
+            v + turn, status.right_rad_s * self._radius
+        )
 
     # -- rules that limit it
 
     def _limit(self, now_ns: int, command: Command, token: ArmToken, clipped: list[str]) -> tuple[float, float]:
-        """Caps, then rate, then the window; each scales v and ω together."""
-        v, w = self._cap(command.v_m_s, command.w_rad_s, token, clipped)
+        """Caps, rate, window; each scales v and ω together. A cap that was lowered holds at once: the drive ramps."""
+        scale = self._cap_scale(command.v_m_s, command.w_rad_s, token)
+        dv, dw = command.v_m_s * scale - self._v, command.w_rad_s * scale - self._w
         dt_s = self._step_s(now_ns)
-        dv, dw = v - self._v, w - self._w
-        share = min(
-            1.0,
-            _share(dv, self._acceleration * dt_s),
-            _share(dw, self._turn_acceleration * dt_s),
-        )
-        if share < 1.0:
-            clipped.append("rate")
-        windowed = min(share, self._window_share(now_ns, dv, dw))
-        if windowed < share:
-            clipped.append("window")
-        if windowed == 1.0:
-            return v, w
-        return self._v + windowed * dv, self._w + windowed * dw
-
-    def _cap(self, v: float, w: float, token: ArmToken, clipped: list[str]) -> tuple[float, float]:
-        cap = PHASE_CAPS[token.phase]
-        fastest = min(self._v_max, cap.v_m_s, token.v_max_m_s)
-        slowest = max(self._v_min, -cap.v_m_s, -token.v_max_m_s)
-        turning = min(self._w_max, cap.w_rad_s, token.w_max_rad_s)
-        wheel = abs(v) + abs(w) * self._half_track
-        scale = min(
-            1.0, _share(v, fastest if v > 0.0 else -slowest), _share(w, turning), _share(wheel, cap.wheel_m_s)
-        )
-        if scale < 1.0:
+        rate = min(_share(dv, self._acceleration * dt_s), _share(dw, self._turn_acceleration * dt_s))
+        window = self._window_share(now_ns, dv, dw)
+        share = min(rate, window)
+        v, w = self._v + share * dv, self._w + share * dw
+        lowered = self._cap_scale(v, w, token)
+        if min(scale, lowered) < 1.0:
             clipped.append("cap")
-        return v * scale, w * scale
+        if rate < 1.0:
+            clipped.append("rate")
+        if window < rate:
+            clipped.append("window")
+        return v * lowered, w * lowered
+
+    def _cap_scale(self, v: float, w: float, token: ArmToken) -> float:
+        """The factor ≤ 1 that brings v, ω and both rims within what configuration, phase and mission allow."""
+        cap = PHASE_CAPS.get(token.phase, _STILL)
+        fastest = self._v_max if v > 0.0 else -self._v_min
+        return min(
+            _share(v, min(fastest, cap.v_m_s, token.v_max_m_s)),
+            _share(w, min(self._w_max, cap.w_rad_s, token.w_max_rad_s)),
+            _share(abs(v) + abs(w) * self._half_track, cap.wheel_m_s),
+        )
 
     def _step_s(self, now_ns: int) -> float:
         """Time since the last frame; a stall earns no larger step."""
@@ -300,8 +297,8 @@ class Gate:
         reach_v = self._acceleration * WINDOW_MS / 1000.0
         reach_w = self._turn_acceleration * WINDOW_MS / 1000.0
         return min(
-            _window_share(self._v, dv, [entry[1] for entry in self._window], reach_v),
-            _window_share(self._w, dw, [entry[2] for entry in self._window], reach_w),
+            _reach_share(self._v, dv, [entry[1] for entry in self._window], reach_v),
+            _reach_share(self._w, dw, [entry[2] for entry in self._window], reach_w),
         )
 
     def _remember(self, now_ns: int, v: float, w: float) -> None:
@@ -315,19 +312,25 @@ def _young(now_ns: int, stamp_ns: int, max_age_ms: int) -> bool:
 
 
 def _share(wanted: float, allowed: float) -> float:
-    """The share of ``wanted`` whose magnitude is ``allowed``; 1 or more if all of it is."""
+    """The share, at most 1, of ``wanted`` whose magnitude is within ``allowed``."""
     magnitude = abs(wanted)
     return allowed / magnitude if magnitude > allowed else 1.0
 
 
-def _beyond(setpoint: float, measured: float, gap: float) -> bool:
-    """Whether the set-point asks for more motion than was measured, by more than ``gap``."""
-    if setpoint == 0.0:
-        return False
-    return (setpoint - measured if setpoint > 0.0 else measured - setpoint) > gap
+def _beyond(setpoint: float, measured: float) -> bool:
+    """Whether a rim's set-point asks for more than was measured, by more than lag and load explain.
+
+    A set-point that slows down is welcome however far the measurement is.
+    """
+    gap = setpoint - measured if setpoint > 0.0 else measured - setpoint
+    return setpoint != 0.0 and gap > MAX_RIM_GAP_M_S + MAX_RIM_GAP_SHARE * abs(setpoint)
 
 
-def _window_share(now: float, change: float, window: list[float], reach: float) -> float:
+def _reach_share(now: float, change: float, window: list[float], reach: float) -> float:
+    """The share of ``change`` after which the set-point is within ``reach`` of every one in the window.
+
+    Towards zero it is free: a set-point that was set to zero does not hold the window against itself.
+    """
     if not window or change == 0.0:
         return 1.0
     highest, lowest = max(0.0, min(window) + reach), min(0.0, max(window) - reach)

@@ -84,6 +84,8 @@ def test_drives_stop_by_themselves_when_the_bridge_is_silent() -> None:
         assert any("stood still" in fault for fault in measured.faults)
         assert rig.robot.left_wheel.state.value == 0x40
         assert rig.robot.left_wheel.velocity_setpoint_rad_s == 0.0
+        rig.drives.disable()
+        assert rig.cycles(2).faults == ()
         rig.drives.enable()
         assert rig.cycles(8).wheels_enabled
 
