@@ -38,7 +38,7 @@ lint: $(READY) ## Format, lint, types, import rules
 	@echo "[lint] format"; $(VENV)/bin/ruff format --check --quiet . || { echo "run: $(VENV)/bin/ruff format ."; exit 1; }
 	@echo "[lint] ruff"; $(VENV)/bin/ruff check --quiet .
 	@echo "[lint] types"; $(VENV)/bin/mypy --no-error-summary
-	@echo "[lint] import rules"; $(VENV)/bin/lint-imports --no-timings > .venv/lint-imports.log || { cat .venv/lint-imports.log; exit 1; }
+	@echo "[lint] import rules"; $(VENV)/bin/lint-imports > .venv/lint-imports.log || { cat .venv/lint-imports.log; exit 1; }
 
 lock: ## Refresh requirements.lock (needs uv)
 	uv pip compile --universal --generate-hashes --no-header --no-annotate --python-version 3.11 --extra dev --no-emit-package davpc -o requirements.lock pyproject.toml

@@ -192,6 +192,9 @@ class DriveConfig(Section):
     counts_per_turn: Annotated[int, Field(ge=1)] = 65536
     gear_ratio: Positive = 1.0
     sign: Literal[1, -1] = 1
+    rated_torque_n_m: Annotated[Positive, Field(description="of the motor, before the gear: 6076h")] = 0.5
+    max_torque_permille: Annotated[int, Field(ge=0, le=3000, description="of the rated torque: 6072h")] = 1000
+    serial: Annotated[int, Field(ge=0, lt=2**32, description="1018h:04; 0 takes any")] = 0
 
 
 class BusConfig(Section):
@@ -205,9 +208,12 @@ class BusConfig(Section):
 
 
 class FollowerCanConfig(Section):
-    """The Follower's bus and who answers on it."""
+    """The Follower's bus and who answers on it. EDS files lie beside the configuration."""
 
     bus: BusConfig
+    master_node_id: Annotated[int, Field(ge=1, le=127)] = 127
+    drive_eds: str
+    io_eds: str
     left_wheel: DriveConfig
     right_wheel: DriveConfig
     joints: Annotated[tuple[DriveConfig, ...], Field(min_length=6, max_length=6)]
@@ -215,6 +221,10 @@ class FollowerCanConfig(Section):
     lift: DriveConfig
     io_node_id: Annotated[int, Field(ge=1, le=127)]
     watchdog_ms: Annotated[int, Field(ge=20, le=80)]
+    wheel_ramp_m_s2: Annotated[float, Field(gt=0, le=1.0, description="the drives' own: 6083h to 6085h")]
+    lift_lead_m: Annotated[Positive, Field(description="lift per turn of the lead screw")]
+    lift_speed_m_s: Annotated[float, Field(gt=0, le=0.1)]
+    lift_acceleration_m_s2: Annotated[float, Field(gt=0, le=1.0)]
 
     @cached_property
     def drives(self) -> tuple[DriveConfig, ...]:
@@ -223,7 +233,7 @@ class FollowerCanConfig(Section):
 
     @model_validator(mode="after")
     def _ids_differ(self) -> FollowerCanConfig:
-        ids = [drive.node_id for drive in self.drives] + [self.io_node_id]
+        ids = [drive.node_id for drive in self.drives] + [self.io_node_id, self.master_node_id]
         twice = sorted({i for i in ids if ids.count(i) > 1})
         if twice:
             raise ValueError(f"node id {twice[0]} is given twice")
@@ -231,10 +241,13 @@ class FollowerCanConfig(Section):
 
 
 class LeaderCanConfig(Section):
-    """The Leader's bus and its I/O module."""
+    """The Leader's bus and its I/O module, whose outputs go off when the Leader is silent for ``watchdog_ms``."""
 
     bus: BusConfig
+    master_node_id: Annotated[int, Field(ge=1, le=127)] = 127
     io_node_id: Annotated[int, Field(ge=1, le=127)]
+    io_eds: str
+    watchdog_ms: Annotated[int, Field(ge=60, le=1000)]
 
 
 class LeaderConfig(Section):

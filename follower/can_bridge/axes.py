@@ -1,0 +1,215 @@
+"""What the bridge knows of each drive: its parameters, its PDOs, its scale, and what it last said (CiA 402)."""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass, field
+from typing import Literal
+
+from common.canopen_frames import RPDO, CanFrame, Emergency
+from common.canopen_node import CanopenNode, MappedObject
+from common.cia402 import (
+    CHANGE_AT_ONCE,
+    NEW_SETPOINT,
+    STATUS_SETPOINT_ACKNOWLEDGE,
+    DriveState,
+    Mode,
+    Target,
+    controlword,
+    decode_statusword,
+)
+from common.config import DriveConfig
+
+Group = Literal["wheels", "arms"]
+Parameter = tuple[int, int, int]
+CONTROLWORD: MappedObject = (0x6040, 0, 16)
+STATUSWORD: MappedObject = (0x6041, 0, 16)
+TARGET_VELOCITY: MappedObject = (0x60FF, 0, 32)
+TARGET_TORQUE: MappedObject = (0x6071, 0, 16)
+TARGET_POSITION: MappedObject = (0x607A, 0, 32)
+POSITION: MappedObject = (0x6064, 0, 32)
+VELOCITY: MappedObject = (0x606C, 0, 32)
+TORQUE: MappedObject = (0x6077, 0, 16)
+
+_QUICK_STOP_THEN_OFF = 2
+_QUICK_STOP_AND_HOLD = 6
+_ABORT_BY_QUICK_STOP = 3
+_INT32 = 1 << 32
+OUTSTANDING = 2
+
+
+@dataclass
+class Axis:
+    """One drive. Values are at the output shaft: rad, or metres for the lift, by ``units_per_turn``.
+
+    ``answered`` counts what came of each TPDO since the last SYNC, against ``expected``: more is a replay.
+    """
+
+    name: str
+    config: DriveConfig
+    group: Group
+    mode: Mode
+    units_per_turn: float = 2 * math.pi
+    extra: tuple[Parameter, ...] = ()
+    state: DriveState = DriveState.UNKNOWN
+    statusword: int = 0
+    status_ns: int = -1
+    position: float = 0.0
+    velocity: float = 0.0
+    torque_n_m: float = 0.0
+    was_enabled: bool = False
+    emergencies: dict[int, Emergency] = field(default_factory=dict)
+    expected: list[int] = field(default_factory=lambda: [0, 0])
+    _raw_position: int | None = None
+    _counts: int = 0
+    _setpoint_sent: int | None = None
+
+    @property
+    def node_id(self) -> int:
+        """CANopen node id."""
+        return self.config.node_id
+
+    @property
+    def counts_per_unit(self) -> float:
+        """Encoder counts (of 6064h, 607Ah, 60FFh per second) per unit of the output shaft, with its sign."""
+        return self.config.counts_per_turn * self.config.gear_ratio * self.config.sign / self.units_per_turn
+
+    @property
+    def permille_per_n_m(self) -> float:
+        """Per mille of the motor's rated torque (6071h, 6077h) per N·m at the output shaft, with its sign."""
+        return 1000.0 * self.config.sign / (self.config.rated_torque_n_m * self.config.gear_ratio)
+
+    @property
+    def holds_in_quick_stop(self) -> bool:
+        """Arms keep their position when stopped, so that nothing is let go; wheels go free once they stand."""
+        return self.group == "arms"
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Objects to write at bring-up: SAFETY.md layer 1, then mode and ramps."""
+        return (
+            (0x6007, 0, _ABORT_BY_QUICK_STOP),
+            (0x605A, 0, _QUICK_STOP_AND_HOLD if self.holds_in_quick_stop else _QUICK_STOP_THEN_OFF),
+            (0x6072, 0, self.config.max_torque_permille),
+            (0x6060, 0, int(self.mode)),
+            *self.extra,
+        )
+
+    def restart(self) -> None:
+        """Forget what an earlier connection said."""
+        self.state, self.statusword, self.status_ns = DriveState.UNKNOWN, 0, -1
+        self.was_enabled = False
+        self.emergencies.clear()
+        self.expected = [0, 0]
+        self._raw_position = self._setpoint_sent = None
+
+    def configure(self, node: CanopenNode) -> None:
+        """Write parameters and PDO mappings, read the state.
+
+        Raises:
+            DeviceError: the node refuses, keeps another value or is silent.
+        """
+        for index, subindex, value in self.parameters():
+            node.write(index, subindex, value)
+        rated = round(self.config.rated_torque_n_m * 1000.0)
+        node.expect(0x6076, 0, rated, "rated torque in mN·m")
+        for number, objects in enumerate(self.transmit_pdos(), start=1):
+            node.map_transmit_pdo(number, objects)
+        node.map_receive_pdo(1, (CONTROLWORD, self._target_object()))
+        self._see(node.read(0x6041))
+
+    def transmit_pdos(self) -> tuple[tuple[MappedObject, ...], ...]:
+        """Mapping of the TPDOs: what the axis measures in this mode."""
+        if self.mode is Mode.PROFILE_VELOCITY:
+            return (STATUSWORD, VELOCITY, TORQUE), (POSITION,)
+        if self.mode is Mode.PROFILE_TORQUE:
+            return ((STATUSWORD, POSITION, TORQUE),)
+        return ((STATUSWORD, POSITION),)
+
+    def command(self, target: Target, setpoint: float | None, reset: bool) -> CanFrame:
+        """RPDO: the controlword of the next transition, and the set-point [rad/s, N·m or m] if it is in operation.
+
+        None leaves a position drive where it is, and is zero for the others.
+        """
+        word = 0x0080 if reset else controlword(self.state, target, self.holds_in_quick_stop)
+        running = self.state is DriveState.ENABLED and target is Target.ENABLED
+        wanted = setpoint if running and setpoint is not None else 0.0
+        if self.mode is Mode.PROFILE_TORQUE:
+            limit = self.config.max_torque_permille
+            data = struct.pack("<Hh", word, max(-limit, min(limit, round(wanted * self.permille_per_n_m))))
+        elif self.mode is Mode.PROFILE_VELOCITY:
+            data = struct.pack("<Hi", word, _clamp32(wanted * self.counts_per_unit))
+        else:
+            data = self._position_command(word, setpoint if running else None)
+        return CanFrame(RPDO[0] + self.node_id, data)
+
+    def take(self, pdo: int, data: bytes, stamp_ns: int) -> bool:
+        """A TPDO (0 or 1) of this drive, sampled at ``stamp_ns``; false when it cannot be genuine."""
+        if len(data) != _LENGTHS[self.mode][pdo] or self.expected[pdo] <= 0:
+            return False
+        self.expected[pdo] -= 1
+        if pdo == 1:
+            self._see_position(struct.unpack("<i", data)[0])
+        elif self.mode is Mode.PROFILE_VELOCITY:
+            status, velocity, torque = struct.unpack("<Hih", data)
+            self.velocity = velocity / self.counts_per_unit
+            self.torque_n_m = torque / self.permille_per_n_m
+            self._see(status)
+        elif self.mode is Mode.PROFILE_TORQUE:
+            status, position, torque = struct.unpack("<Hih", data)
+            self.torque_n_m = torque / self.permille_per_n_m
+            self._see_position(position)
+            self._see(status)
+        else:
+            status, position = struct.unpack("<Hi", data)
+            self._see_position(position)
+            self._see(status)
+        if pdo == 0:
+            self.status_ns = stamp_ns
+        return True
+
+    def synchronised(self) -> None:
+        """A SYNC went out: one more answer to each TPDO is due."""
+        self.expected = [min(count + 1, OUTSTANDING) for count in self.expected]
+
+    def _see(self, statusword: int) -> None:
+        self.statusword = statusword
+        self.state = decode_statusword(statusword)
+
+    def _see_position(self, raw: int) -> None:
+        """Unwrap the 32-bit counter; at start it is absolute."""
+        previous = raw if self._raw_position is None else self._raw_position
+        if self._raw_position is None:
+            self._counts = raw
+        self._counts += (raw - previous + _INT32 // 2) % _INT32 - _INT32 // 2
+        self._raw_position = raw
+        self.position = self._counts / self.counts_per_unit
+
+    def _target_object(self) -> MappedObject:
+        return {
+            Mode.PROFILE_VELOCITY: TARGET_VELOCITY,
+            Mode.PROFILE_TORQUE: TARGET_TORQUE,
+            Mode.PROFILE_POSITION: TARGET_POSITION,
+        }[self.mode]
+
+    def _position_command(self, word: int, setpoint: float | None) -> bytes:
+        """CiA 402 set-point handshake: raise bit 4 with a new target, lower it when bit 12 acknowledges."""
+        if setpoint is None:
+            self._setpoint_sent = None
+            return struct.pack("<Hi", word, 0)
+        wanted = _clamp32(setpoint * self.counts_per_unit)
+        if not self.statusword & STATUS_SETPOINT_ACKNOWLEDGE and wanted != self._setpoint_sent:
+            word |= NEW_SETPOINT | CHANGE_AT_ONCE
+            self._setpoint_sent = wanted
+        return struct.pack("<Hi", word, self._setpoint_sent or 0)
+
+
+_LENGTHS: dict[Mode, tuple[int, int]] = {
+    Mode.PROFILE_VELOCITY: (8, 4),
+    Mode.PROFILE_TORQUE: (8, -1),
+    Mode.PROFILE_POSITION: (6, -1),
+}
+
+
+def _clamp32(value: float) -> int:
+    return max(-(_INT32 // 2), min(_INT32 // 2 - 1, round(value)))

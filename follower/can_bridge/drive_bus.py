@@ -1,0 +1,230 @@
+"""The Follower's bus as the bridge uses it: bring-up, then one non-blocking exchange a cycle.
+
+Each exchange takes what has arrived, sends heartbeat, every drive's controlword and set-point and SYNC, and moves
+every drive one CiA 402 transition towards the requested state. Whatever is wrong turns the request into quick stop:
+wheels ramp down and go free, arms hold their position.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from common.canopen_bus import BusLostError, CanBus
+from common.canopen_frames import (
+    NMT_PRE_OPERATIONAL,
+    NMT_START,
+    STATE_OPERATIONAL,
+    SYNC,
+    CanFrame,
+    heartbeat_frame,
+    nmt_frame,
+)
+from common.canopen_node import CanopenNode, find_eds
+from common.cia402 import DriveState, Target
+from common.config import BaseConfig, FollowerCanConfig
+from common.timing import NS_PER_MS
+from follower.can_bridge.axes import Group
+from follower.can_bridge.inbound import Inbound
+from follower.can_bridge.measurement import DriveSetpoint, Measurement
+from follower.can_bridge.robot_axes import make_axes
+
+_HEARTBEAT_MS = 100
+_ANSWER_NS = NS_PER_MS // 2
+
+
+class DriveBus:
+    """Eleven drives and one I/O module on one bus.
+
+    With ``listen_only`` nothing is ever sent: it follows what another bridge does on a live bus.
+    """
+
+    def __init__(
+        self, config: FollowerCanConfig, base: BaseConfig, config_path: Path, listen_only: bool = False
+    ) -> None:
+        self._config = config
+        self._listen_only = listen_only
+        self.axes = make_axes(config, base)
+        self._eds = find_eds(config.drive_eds, config_path)
+        self._io_eds = find_eds(config.io_eds, config_path)
+        self._inbound = Inbound(self.axes, config.io_node_id)
+        self._bus: CanBus | None = None
+        self._wheels = Target.DISABLED
+        self._arms = Target.QUICK_STOP
+        self._reset = False
+        self._lost = ""
+        self._stalled = ""
+        self._exchanged_ns: int | None = None
+        self._syncs = (-1, -1)
+
+    # -- life
+
+    def open(self) -> None:
+        """Open the bus and bring every node up, disabled. Also the way back after a lost bus.
+
+        Raises:
+            DeviceError: no bus, a silent node, another device, a refused or lost write: named, nothing enabled.
+            ConfigError: an EDS is missing or not one.
+        """
+        self.close()
+        bus = CanBus(self._config.bus)
+        for axis in self.axes:
+            axis.restart()
+        try:
+            if not self._listen_only:
+                self._bring_up(bus)
+        except BaseException:
+            bus.close()
+            raise
+        self._bus = bus
+        self._wheels, self._arms, self._reset = Target.DISABLED, Target.QUICK_STOP, False
+        self._lost = self._stalled = ""
+        self._exchanged_ns = None
+        self._syncs = (-1, -1)
+        self._inbound.restart()
+
+    def close(self) -> None:
+        """Quick-stop every drive and close the bus: wheels then disable themselves, arms hold."""
+        bus, self._bus = self._bus, None
+        if bus is None:
+            return
+        try:
+            if not self._listen_only:
+                self._send_quick_stop(bus)
+        except BusLostError:
+            pass  # the drives' watchdogs do the same by themselves
+        finally:
+            bus.close()
+
+    def enable(self, groups: Sequence[Group] = ("wheels", "arms")) -> None:
+        """Request operation; refused for as long as there are faults."""
+        self._request(Target.ENABLED, groups)
+
+    def disable(self, groups: Sequence[Group] = ("wheels",)) -> None:
+        """Request power off. The arms keep holding unless they are named. Acknowledges a stall of the bridge."""
+        self._stalled = ""
+        self._request(Target.DISABLED, groups)
+
+    def quick_stop(self, groups: Sequence[Group] = ("wheels", "arms")) -> None:
+        """Request quick stop."""
+        self._request(Target.QUICK_STOP, groups)
+
+    def reset_faults(self) -> None:
+        """Acknowledge every fault, on a person's request only; the drives stay disabled."""
+        self.quick_stop()
+        self._reset = True
+        self._stalled = ""
+        self._inbound.forgive()
+
+    # -- cycle
+
+    def exchange(self, now_ns: int, setpoint: DriveSetpoint) -> Measurement:
+        """One cycle; never blocks and never raises for what happens on the bus: see ``faults`` and ``bus_ok``."""
+        faults: list[str] = []
+        try:
+            self._receive(now_ns)
+            faults = self._faults(now_ns)
+            if faults:
+                self.quick_stop()
+            self._send(now_ns, setpoint)
+            if self._inbound.restarted:
+                raise BusLostError(self._inbound.restarted)
+        except BusLostError as error:
+            self._lose(str(error))
+            faults.insert(0, self._lost)
+        return self._measurement(now_ns, tuple(faults))
+
+    def _bring_up(self, bus: CanBus) -> None:
+        config = self._config
+        bus.send(nmt_frame(NMT_PRE_OPERATIONAL))
+        io = CanopenNode(bus, config.io_node_id, self._inbound.io.name, self._io_eds)
+        io.check_identity()
+        io.supervise(_HEARTBEAT_MS, config.master_node_id, config.watchdog_ms)
+        io.map_transmit_pdo(1, [(0x6000, 1, 8), (0x6401, 1, 16)])
+        for axis in self.axes:
+            node = CanopenNode(bus, axis.node_id, axis.name, self._eds)
+            node.check_identity(axis.config.serial)
+            node.supervise(_HEARTBEAT_MS, config.master_node_id, config.watchdog_ms)
+            axis.configure(node)
+        bus.receive()
+        bus.send(nmt_frame(NMT_START))
+
+    def _receive(self, now_ns: int) -> None:
+        if self._bus is None:
+            raise BusLostError(self._lost or f"CAN bus {self._config.bus.channel}: not open")
+        newest, older = self._syncs
+        stamp_ns = newest if now_ns - newest >= _ANSWER_NS else older
+        for frame in self._bus.receive():
+            if self._listen_only and frame.can_id == SYNC:
+                self._inbound.synchronised(now_ns)
+                stamp_ns = now_ns
+            else:
+                self._inbound.take(frame, stamp_ns, now_ns)
+
+    def _send(self, now_ns: int, setpoint: DriveSetpoint) -> None:
+        bus = self._bus
+        self._exchanged_ns = now_ns
+        if bus is None or self._listen_only:
+            return
+        bus.send(heartbeat_frame(self._config.master_node_id, STATE_OPERATIONAL))
+        for axis, value in zip(self.axes, setpoint.per_axis(), strict=True):
+            target = self._wheels if axis.group == "wheels" else self._arms
+            reset = self._reset and axis.state is DriveState.FAULT
+            bus.send(axis.command(target, value, reset))
+            axis.was_enabled = target is Target.ENABLED and (axis.was_enabled or axis.state is DriveState.ENABLED)
+        bus.send(CanFrame(SYNC, b""))
+        self._reset = False
+        self._syncs = (now_ns, self._syncs[0])
+        self._inbound.synchronised(now_ns)
+
+    def _send_quick_stop(self, bus: CanBus) -> None:
+        for axis in self.axes:
+            bus.send(axis.command(Target.QUICK_STOP, None, reset=False))
+        bus.send(CanFrame(SYNC, b""))
+
+    # -- judging
+
+    def _request(self, target: Target, groups: Sequence[Group]) -> None:
+        if "wheels" in groups:
+            self._wheels = target
+        if "arms" in groups:
+            self._arms = target
+
+    def _lose(self, reason: str) -> None:
+        self.close()
+        self._lost = reason
+        self._wheels, self._arms, self._reset = Target.DISABLED, Target.QUICK_STOP, False
+
+    def _faults(self, now_ns: int) -> list[str]:
+        if self._bus is not None and self._exchanged_ns is not None:
+            stood_ns = now_ns - self._exchanged_ns
+            if stood_ns > self._config.watchdog_ms * NS_PER_MS:
+                self._stalled = f"bridge: stood still for {stood_ns // NS_PER_MS} ms"
+        return [self._stalled] * bool(self._stalled) + self._inbound.faults(now_ns)
+
+    def _measurement(self, now_ns: int, faults: tuple[str, ...]) -> Measurement:
+        axes, io = self.axes, self._inbound.io
+        left, right, joints, grippers, lift = axes[0], axes[1], axes[2:8], axes[8:10], axes[10]
+        fresh = self._bus is not None and self._inbound.inputs_fresh(now_ns)
+        return Measurement(
+            now_ns=now_ns,
+            measured_ns=min(left.status_ns, right.status_ns),
+            wheel_speed_rad_s=(left.velocity, right.velocity),
+            wheel_angle_rad=(left.position, right.position),
+            joint_torque_n_m=tuple(axis.torque_n_m for axis in joints),
+            joint_angle_rad=tuple(axis.position for axis in joints),
+            grip_torque_n_m=(grippers[0].torque_n_m, grippers[1].torque_n_m),
+            grip_angle_rad=(grippers[0].position, grippers[1].position),
+            lift_m=lift.position,
+            inputs_fresh=fresh,
+            estop_clear=fresh and bool(io.bits & 1),
+            protective_clear=fresh and bool(io.bits & 2),
+            battery_v=io.battery_v,
+            states=tuple(axis.state for axis in axes),
+            wheels_enabled=self._bus is not None and all(axis.state is DriveState.ENABLED for axis in axes[:2]),
+            arms_enabled=self._bus is not None and all(axis.state is DriveState.ENABLED for axis in axes[2:]),
+            bus_ok=self._bus is not None,
+            faults=faults,
+            malformed=self._inbound.malformed,
+            unknown=self._inbound.unknown,
+        )

@@ -1,0 +1,338 @@
+"""The gate: the last function before the wheels. It trusts nothing above it and can only reduce motion.
+
+SAFETY.md layer 2. Pure: state and time are arguments of :meth:`Gate.step`, which is called before every frame. Each
+rule has a name; the decision says which rule stopped or changed the command. Constants here can only be lowered
+by configuration and mission.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+from common.config import BaseConfig, LimitsConfig
+from common.messages import Command, Phase, command_checksum
+from common.timing import NS_PER_MS, NS_PER_S
+
+HARD_V_MAX_M_S: Final = 0.6
+HARD_V_MIN_M_S: Final = -0.2
+HARD_W_MAX_RAD_S: Final = 0.8
+HARD_ACCELERATION_M_S2: Final = 0.6
+HARD_ANGULAR_ACCELERATION_RAD_S2: Final = 2.5
+COMMAND_MAX_AGE_MS: Final = 120
+TOKEN_MAX_AGE_MS: Final = 200
+STATUS_MAX_AGE_MS: Final = 50
+WINDOW_MS: Final = 250
+WINDOW_ENTRIES: Final = 128
+MAX_STEP_MS: Final = 20
+MAX_RIM_GAP_M_S: Final = 0.15
+MAX_RIM_GAP_SHARE: Final = 0.20
+MAX_MEASURED_JUMP_M_S: Final = 0.30
+
+
+@dataclass(frozen=True)
+class PhaseCap:
+    """Most that a phase may do: speed and turning rate of {F}, rim speed of either wheel."""
+
+    v_m_s: float
+    w_rad_s: float
+    wheel_m_s: float
+
+
+_STILL: Final = PhaseCap(0.0, 0.0, 0.0)
+PHASE_CAPS: Final[dict[Phase, PhaseCap]] = {
+    "idle": _STILL,
+    "acquire": PhaseCap(0.10, 0.30, 0.15),
+    "approach": PhaseCap(0.60, 0.80, 0.60),
+    "push": PhaseCap(0.05, 0.20, 0.08),
+    "lock": PhaseCap(0.05, 0.10, 0.06),
+    "release": _STILL,
+    "retract": PhaseCap(0.10, 0.30, 0.15),
+    "done": _STILL,
+    "aborted": _STILL,
+}
+LATCHING: Final = frozenset({"second_writer", "measured_gap", "measured_jump"})
+
+
+@dataclass(frozen=True)
+class SignedCommand:
+    """A command and what its envelope says: the writer's run and the boot that its stamps count from."""
+
+    command: Command
+    run_id: int
+    boot_id: str
+
+
+@dataclass(frozen=True)
+class ArmToken:
+    """The newest mission: armed or not, when it was stamped, the epoch and the caps that it sets."""
+
+    armed: bool
+    stamp_ns: int
+    boot_id: str
+    epoch: int
+    phase: Phase
+    v_max_m_s: float
+    w_max_rad_s: float
+
+
+@dataclass(frozen=True)
+class WheelStatus:
+    """What the drives measured at ``measured_ns``, −1 for never: rim speeds [rad/s], and whether both are enabled."""
+
+    measured_ns: int
+    left_rad_s: float
+    right_rad_s: float
+    enabled: bool
+
+
+@dataclass(frozen=True)
+class StopInputs:
+    """Emergency and protective stop as the I/O module reports them; not fresh counts as stop."""
+
+    fresh: bool
+    estop_clear: bool
+    protective_clear: bool
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What goes to the wheels.
+
+    ``rule`` names what made it zero, or "" while a command is followed; ``clipped`` names what limited the command;
+    ``dropped`` names why a newly arrived command was not taken, or "". ``sequence`` is the last accepted command's.
+    """
+
+    v_m_s: float
+    w_rad_s: float
+    rule: str
+    clipped: tuple[str, ...]
+    dropped: str
+    sequence: int
+
+
+class Gate:
+    """Holds what the rules need from earlier frames: the accepted command, the last set-points, a latched rule."""
+
+    def __init__(self, limits: LimitsConfig, base: BaseConfig, boot_id: str) -> None:
+        self._v_max = min(limits.v_max_m_s, HARD_V_MAX_M_S)
+        self._v_min = max(limits.v_min_m_s, HARD_V_MIN_M_S)
+        self._w_max = min(limits.w_max_rad_s, HARD_W_MAX_RAD_S)
+        self._acceleration = min(limits.gate_acceleration_m_s2, HARD_ACCELERATION_M_S2)
+        self._turn_acceleration = min(limits.gate_angular_acceleration_rad_s2, HARD_ANGULAR_ACCELERATION_RAD_S2)
+        self._radius = base.wheel_radius_m
+        self._half_track = base.track_m / 2.0
+        self._boot_id = boot_id
+        self._held: Command | None = None
+        self._writer: int | None = None
+        self._sequence = -1
+        self._epoch = -1
+        self._latched = ""
+        self._last_ns: int | None = None
+        self._v = 0.0
+        self._w = 0.0
+        self._window: deque[tuple[int, float, float]] = deque(maxlen=WINDOW_ENTRIES)
+        self._status: WheelStatus | None = None
+
+    def step(
+        self,
+        now_ns: int,
+        newest: SignedCommand | None,
+        token: ArmToken | None,
+        status: WheelStatus,
+        inputs: StopInputs,
+    ) -> Decision:
+        """Decide the set-point for the frame that is about to be sent.
+
+        Args:
+            now_ns: CLOCK_MONOTONIC of this boot.
+            newest: the newest command that arrived, new or already seen; None if none ever did.
+            token: the newest mission; None if none ever came.
+            status: newest measurement of the wheels.
+            inputs: stop inputs.
+        """
+        self._follow_epoch(token)
+        dropped = self._take(newest, token)
+        jump = self._jumped(status)
+        rule = self._stop_rule(now_ns, token, status, inputs) or jump
+        if dropped in LATCHING or rule in LATCHING:
+            self._latched = self._latched or (dropped if dropped in LATCHING else rule)
+        rule = rule or self._latched
+        clipped: list[str] = []
+        v, w = 0.0, 0.0
+        if not rule and self._held is not None and token is not None:
+            v, w = self._limit(now_ns, self._held, token, clipped)
+            if self._far_from_measured(v, w, status):
+                rule = self._latched = "measured_gap"
+                v, w = 0.0, 0.0
+        self._remember(now_ns, v, w)
+        return Decision(v, w, rule, tuple(clipped), dropped, self._sequence)
+
+    # -- taking a command
+
+    def _follow_epoch(self, token: ArmToken | None) -> None:
+        """A new epoch forgets the old one's command, writer, sequence and latched rule."""
+        if token is not None and token.epoch != self._epoch:
+            self._epoch = token.epoch
+            self._held, self._writer, self._sequence, self._latched = None, None, -1, ""
+
+    def _take(self, newest: SignedCommand | None, token: ArmToken | None) -> str:
+        """Hold a new command if it is genuine; the reason if it is not. Age is judged on every frame, not here."""
+        if newest is None or newest.command == self._held:
+            return ""
+        reason = self._refusal(newest, token)
+        if not reason:
+            self._held = newest.command
+            self._writer = newest.run_id
+            self._sequence = newest.command.sequence
+        return reason
+
+    def _refusal(self, newest: SignedCommand, token: ArmToken | None) -> str:
+        command = newest.command
+        if not (math.isfinite(command.v_m_s) and math.isfinite(command.w_rad_s)):
+            return "not_finite"
+        if command.checksum != command_checksum(command):
+            return "checksum"
+        if newest.boot_id != self._boot_id:
+            return "boot"
+        if token is None or not token.armed:
+            return "not_armed"
+        if command.epoch != token.epoch:
+            return "epoch"
+        if self._writer is not None and newest.run_id != self._writer:
+            return "second_writer"
+        if command.sequence <= self._sequence:
+            return "sequence"
+        return ""
+
+    # -- rules that make it zero
+
+    def _stop_rule(self, now_ns: int, token: ArmToken | None, status: WheelStatus, inputs: StopInputs) -> str:
+        if not (inputs.fresh and inputs.estop_clear and inputs.protective_clear):
+            return "stop_input"
+        if status.measured_ns < 0 or not _young(now_ns, status.measured_ns, STATUS_MAX_AGE_MS):
+            return "status_age"
+        if token is None or not token.armed or token.boot_id != self._boot_id:
+            return "not_armed"
+        if not _young(now_ns, token.stamp_ns, TOKEN_MAX_AGE_MS):
+            return "token_age"
+        if not (token.v_max_m_s >= 0.0 and token.w_max_rad_s >= 0.0):  # also false for NaN
+            return "token_caps"
+        if not status.enabled:
+            return "not_enabled"
+        held = self._held
+        if held is None:
+            return "no_command"
+        if not _young(now_ns, held.stamp_ns, COMMAND_MAX_AGE_MS):
+            return "command_age"
+        if now_ns > held.valid_until_ns:
+            return "valid_until"
+        return ""
+
+    def _jumped(self, status: WheelStatus) -> str:
+        """An encoder cannot change its speed like that between two frames."""
+        before, self._status = self._status, status
+        if not (math.isfinite(status.left_rad_s) and math.isfinite(status.right_rad_s)):
+            return "measured_jump"
+        if before is None or before.measured_ns < 0 or status.measured_ns < 0:
+            return ""
+        if not _young(status.measured_ns, before.measured_ns, STATUS_MAX_AGE_MS):
+            return ""
+        left = abs(status.left_rad_s - before.left_rad_s) * self._radius
+        right = abs(status.right_rad_s - before.right_rad_s) * self._radius
+        return "measured_jump" if max(left, right) > MAX_MEASURED_JUMP_M_S else ""
+
+    def _far_from_measured(self, v: float, w: float, status: WheelStatus) -> bool:
+        """A wheel does not do what it is told: blocked, stuck encoder, wrong sign."""
+        turn = w * self._half_track
+        return _beyond(v - turn, status.left_rad_s * self._radius) or _beyond(
+            v + turn, status.right_rad_s * self._radius
+        )
+
+    # -- rules that limit it
+
+    def _limit(self, now_ns: int, command: Command, token: ArmToken, clipped: list[str]) -> tuple[float, float]:
+        """Caps, rate, window; each scales v and ω together. A cap that was lowered holds at once: the drive ramps."""
+        scale = self._cap_scale(command.v_m_s, command.w_rad_s, token)
+        dv, dw = command.v_m_s * scale - self._v, command.w_rad_s * scale - self._w
+        dt_s = self._step_s(now_ns)
+        rate = min(_share(dv, self._acceleration * dt_s), _share(dw, self._turn_acceleration * dt_s))
+        window = self._window_share(now_ns, dv, dw)
+        share = min(rate, window)
+        v, w = self._v + share * dv, self._w + share * dw
+        lowered = self._cap_scale(v, w, token)
+        if min(scale, lowered) < 1.0:
+            clipped.append("cap")
+        if rate < 1.0:
+            clipped.append("rate")
+        if window < rate:
+            clipped.append("window")
+        return v * lowered, w * lowered
+
+    def _cap_scale(self, v: float, w: float, token: ArmToken) -> float:
+        """The factor ≤ 1 that brings v, ω and both rims within what configuration, phase and mission allow."""
+        cap = PHASE_CAPS.get(token.phase, _STILL)
+        fastest = self._v_max if v > 0.0 else -self._v_min
+        return min(
+            _share(v, min(fastest, cap.v_m_s, token.v_max_m_s)),
+            _share(w, min(self._w_max, cap.w_rad_s, token.w_max_rad_s)),
+            _share(abs(v) + abs(w) * self._half_track, cap.wheel_m_s),
+        )
+
+    def _step_s(self, now_ns: int) -> float:
+        """Time since the last frame; a stall earns no larger step."""
+        if self._last_ns is None:
+            return 0.0
+        return min(max(now_ns - self._last_ns, 0), MAX_STEP_MS * NS_PER_MS) / NS_PER_S
+
+    def _window_share(self, now_ns: int, dv: float, dw: float) -> float:
+        """How much of the change keeps the real change over the last 250 ms within what the rates allow.
+
+        An independent check of the rate rule: it does not use the step's duration. Slowing down to zero is free.
+        """
+        while self._window and now_ns - self._window[0][0] > WINDOW_MS * NS_PER_MS:
+            self._window.popleft()
+        reach_v = self._acceleration * WINDOW_MS / 1000.0
+        reach_w = self._turn_acceleration * WINDOW_MS / 1000.0
+        return min(
+            _reach_share(self._v, dv, [entry[1] for entry in self._window], reach_v),
+            _reach_share(self._w, dw, [entry[2] for entry in self._window], reach_w),
+        )
+
+    def _remember(self, now_ns: int, v: float, w: float) -> None:
+        self._last_ns, self._v, self._w = now_ns, v, w
+        self._window.append((now_ns, v, w))
+
+
+def _young(now_ns: int, stamp_ns: int, max_age_ms: int) -> bool:
+    """Neither too old nor from the future."""
+    return 0 <= now_ns - stamp_ns <= max_age_ms * NS_PER_MS
+
+
+def _share(wanted: float, allowed: float) -> float:
+    """The share, at most 1, of ``wanted`` whose magnitude is within ``allowed``."""
+    magnitude = abs(wanted)
+    return allowed / magnitude if magnitude > allowed else 1.0
+
+
+def _beyond(setpoint: float, measured: float) -> bool:
+    """Whether a rim's set-point asks for more than was measured, by more than lag and load explain.
+
+    A set-point that slows down is welcome however far the measurement is.
+    """
+    gap = setpoint - measured if setpoint > 0.0 else measured - setpoint
+    return setpoint != 0.0 and gap > MAX_RIM_GAP_M_S + MAX_RIM_GAP_SHARE * abs(setpoint)
+
+
+def _reach_share(now: float, change: float, window: list[float], reach: float) -> float:
+    """The share of ``change`` after which the set-point is within ``reach`` of every one in the window.
+
+    Towards zero it is free: a set-point that was set to zero does not hold the window against itself.
+    """
+    if not window or change == 0.0:
+        return 1.0
+    highest, lowest = max(0.0, min(window) + reach), min(0.0, max(window) - reach)
+    room = highest - now if change > 0.0 else now - lowest
+    return min(1.0, max(0.0, room) / abs(change))

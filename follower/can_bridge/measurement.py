@@ -1,0 +1,60 @@
+"""What the bridge hands to its drives, and what it gets back, in SI units at the output shafts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from common.cia402 import DriveState
+
+
+@dataclass(frozen=True)
+class DriveSetpoint:
+    """What every drive shall do: rad/s at the wheels, N·m at joints and grippers, m; without a height the lift stays.
+
+    The default is nothing.
+    """
+
+    left_rad_s: float = 0.0
+    right_rad_s: float = 0.0
+    joint_torque_n_m: tuple[float, ...] = (0.0,) * 6
+    grip_torque_n_m: tuple[float, float] = (0.0, 0.0)
+    lift_m: float | None = None
+
+    def per_axis(self) -> Iterator[float | None]:
+        """In the order wheels, joints, grippers, lift."""
+        yield self.left_rad_s
+        yield self.right_rad_s
+        yield from self.joint_torque_n_m
+        yield from self.grip_torque_n_m
+        yield self.lift_m
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What the bus says at one exchange.
+
+    ``measured_ns`` is the SYNC that latched the older of the two wheels' answers, −1 before the first. Stop inputs
+    count as STOP while the I/O module is silent. ``faults`` is empty when all is well.
+    """
+
+    now_ns: int
+    measured_ns: int
+    wheel_speed_rad_s: tuple[float, float]
+    wheel_angle_rad: tuple[float, float]
+    joint_torque_n_m: tuple[float, ...]
+    joint_angle_rad: tuple[float, ...]
+    grip_torque_n_m: tuple[float, float]
+    grip_angle_rad: tuple[float, float]
+    lift_m: float
+    inputs_fresh: bool
+    estop_clear: bool
+    protective_clear: bool
+    battery_v: float
+    states: tuple[DriveState, ...]
+    wheels_enabled: bool
+    arms_enabled: bool
+    bus_ok: bool
+    faults: tuple[str, ...]
+    malformed: int
+    unknown: int

@@ -1,0 +1,53 @@
+"""A simulated CAN bus: hands frames to nodes and collects what they send. No sockets, no threads, no clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from common.canopen_frames import HEARTBEAT, NMT, SYNC, CanFrame
+from sim.can_faults import BusFaults
+
+
+class BusNode(Protocol):
+    """What is connected to the bus."""
+
+    node_id: int
+
+    def handle(self, frame: CanFrame, now_ns: int) -> list[CanFrame]:
+        """React to a frame of somebody else."""
+
+    def tick(self, now_ns: int) -> list[CanFrame]:
+        """Do what is due at this time."""
+
+
+class SimulatedBus:
+    """Nodes on one bus, without arbitration or delay; what goes wrong is what ``faults`` says.
+
+    Simulated nodes do not hear one another.
+    """
+
+    def __init__(self, nodes: Sequence[BusNode]) -> None:
+        self.nodes = tuple(nodes)
+        self.faults = BusFaults()
+        self._by_id = {node.node_id: node for node in nodes}
+        if len(self._by_id) != len(self.nodes):
+            raise ValueError("two nodes have the same id")
+
+    def handle(self, frame: CanFrame, now_ns: int) -> list[CanFrame]:
+        """A frame from outside; the nodes' answers in the order of arbitration by node."""
+        service = frame.can_id & 0x780
+        if frame.can_id in (NMT, SYNC) or service == HEARTBEAT:
+            addressed: Sequence[BusNode] = self.nodes
+        else:
+            node = self._by_id.get(frame.can_id & 0x7F)
+            addressed = (node,) if node is not None else ()
+        return self._collect([node.handle(frame, now_ns) for node in addressed if self.faults.hears(node.node_id)])
+
+    def tick(self, now_ns: int) -> list[CanFrame]:
+        """What the nodes send by themselves at this time."""
+        return self._collect([node.tick(now_ns) for node in self.nodes])
+
+    def _collect(self, sent: list[list[CanFrame]]) -> list[CanFrame]:
+        frames = [frame for frames in sent for frame in frames]
+        return self.faults.spoil(frames) if self.faults.active else frames

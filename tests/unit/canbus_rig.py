@@ -1,0 +1,107 @@
+"""A Follower's simulated bus in stepped time, wheels up: what the tests of bridge and drives share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from common.config import Config, default_config_path, load_config
+from common.timing import NS_PER_MS, SteppedClock
+from follower.can_bridge.drive_bus import DriveBus
+from follower.can_bridge.measurement import DriveSetpoint, Measurement
+from sim.can_nodes import FollowerBus, LeaderBus
+from sim.stepped_bus import SteppedChannel
+
+CONFIG_PATH: Path = default_config_path()
+DRIVE_EDS = CONFIG_PATH.parent / "davpc-drive-402.eds"
+IO_EDS = CONFIG_PATH.parent / "davpc-io-401.eds"
+
+
+def stepped_config() -> Config:
+    """The reference robots on stepped buses."""
+    return load_config(
+        CONFIG_PATH,
+        [
+            'follower_can.bus={ interface = "stepped", channel = "follower" }',
+            'leader_can.bus={ interface = "stepped", channel = "leader" }',
+        ],
+    )
+
+
+class Rig:
+    """Bridge side and simulated side; wheels follow their set-point at once, everything else stands."""
+
+    def __init__(self, config: Config, channel: SteppedChannel, robot: FollowerBus, clock: SteppedClock) -> None:
+        self.config = config
+        self.clock = clock
+        self.channel = channel
+        self.robot = robot
+        self.drives = DriveBus(config.follower_can, config.base, CONFIG_PATH)
+        self.wheels_turn = True
+        self._angles = [0.0, 0.0]
+
+    def cycle(self, setpoint: DriveSetpoint | None = None, period_ms: float = 10.0) -> Measurement:
+        """One exchange, then a period of the simulated world."""
+        measurement = self.drives.exchange(self.clock.now_ns(), setpoint or DriveSetpoint())
+        self.pass_time(period_ms)
+        return measurement
+
+    def cycles(self, count: int, setpoint: DriveSetpoint | None = None) -> Measurement:
+        """Several cycles; the last one's measurement."""
+        for _ in range(count - 1):
+            self.cycle(setpoint)
+        return self.cycle(setpoint)
+
+    def pass_time(self, milliseconds: float) -> None:
+        """The world without the bridge, in steps of 2 ms."""
+        end_ns = self.clock.now_ns() + round(milliseconds * NS_PER_MS)
+        while self.clock.now_ns() < end_ns:
+            self.clock.advance_to(min(self.clock.now_ns() + 2 * NS_PER_MS, end_ns))
+            for drive in self.robot.drives:
+                drive.advance(self.clock.now_ns())
+            for n, wheel in enumerate((self.robot.left_wheel, self.robot.right_wheel)):
+                speed = wheel.velocity_setpoint_rad_s if self.wheels_turn else 0.0
+                self._angles[n] += speed * 0.002
+                wheel.set_measured(self._angles[n], speed, 0.1 * speed)
+            self.channel.tick()
+
+    def enable(self) -> Measurement:
+        """Open, request operation and wait until every drive is in it."""
+        self.drives.open()
+        self.drives.enable()
+        return self.cycles(8)
+
+
+@contextmanager
+def follower_rig() -> Iterator[Rig]:
+    """A switched-on Follower and a bridge that has not opened the bus yet."""
+    config = stepped_config()
+    clock = SteppedClock()
+    robot = FollowerBus.build(config.follower_can, CONFIG_PATH)
+    with SteppedChannel("follower", robot.bus, clock.now_ns) as channel:
+        rig = Rig(config, channel, robot, clock)
+        try:
+            yield rig
+        finally:
+            rig.drives.close()
+
+
+@contextmanager
+def leader_rig() -> Iterator[tuple[Config, LeaderBus, SteppedChannel, SteppedClock]]:
+    """A switched-on Leader module on a stepped bus."""
+    config = stepped_config()
+    clock = SteppedClock()
+    leader = LeaderBus.build(config.leader_can, CONFIG_PATH)
+    with SteppedChannel("leader", leader.bus, clock.now_ns) as channel:
+        yield config, leader, channel, clock
+
+
+def rim_speed(metres_per_second: float, config: Config) -> DriveSetpoint:
+    """Both wheels at this rim speed."""
+    wheel = metres_per_second / config.base.wheel_radius_m
+    return DriveSetpoint(left_rad_s=wheel, right_rad_s=wheel)
+
+
+TURN = 2 * math.pi

@@ -1,0 +1,169 @@
+"""Bridge against simulated drives in stepped time: the same bytes, the same state machines as on the robot."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+
+import pytest
+
+from common.canopen_io import LeaderIo
+from common.cia402 import DriveState
+from common.config import BusConfig
+from common.node import DeviceError
+from common.timing import NS_PER_MS
+from follower.can_bridge.drive_bus import DriveBus
+from follower.can_bridge.measurement import DriveSetpoint
+from sim.can_nodes import FollowerBus
+from sim.can_server import CanServer
+from tests.unit.canbus_rig import CONFIG_PATH, follower_rig, leader_rig, rim_speed, stepped_config
+
+
+def test_enables_drives_and_quick_stops() -> None:
+    with follower_rig() as rig:
+        measured = rig.enable()
+        assert measured.faults == ()
+        assert measured.wheels_enabled
+        assert measured.arms_enabled
+        setpoint = rim_speed(0.3, rig.config)
+        measured = rig.cycles(120, setpoint)
+        assert measured.wheel_speed_rad_s == pytest.approx((0.3 / 0.085, 0.3 / 0.085), rel=1e-3)
+        assert measured.wheel_angle_rad[0] > 2.0
+        assert measured.wheel_angle_rad == pytest.approx((measured.wheel_angle_rad[0],) * 2)
+        rig.drives.quick_stop()
+        measured = rig.cycles(3, setpoint)
+        assert set(measured.states[:2]) == {DriveState.QUICK_STOP}
+        # 0.3 m/s at the drives' own 0.5 m/s²: 0.6 s, then the wheels switch themselves off
+        measured = rig.cycles(57, setpoint)
+        assert set(measured.states[:2]) == {DriveState.QUICK_STOP}
+        measured = rig.cycles(6, setpoint)
+        assert set(measured.states[:2]) == {DriveState.SWITCH_ON_DISABLED}
+        assert measured.wheel_speed_rad_s == (0.0, 0.0)
+        assert set(measured.states[2:]) == {DriveState.QUICK_STOP}
+
+
+def test_signs_and_ratios_hold_on_each_axis() -> None:
+    with follower_rig() as rig:
+        rig.robot.lift.set_measured(0.1, 0.0, 0.0)
+        for n, drive in enumerate((*rig.robot.joints, *rig.robot.grippers)):
+            drive.set_measured(0.1 * n, 0.0, 0.5 * n)
+        rig.enable()
+        torques = (1.0, -2.0, 3.0, -4.0, 5.0, -6.0)
+        measured = rig.cycles(50, DriveSetpoint(0.0, 0.0, torques, (2.0, -1.5), 0.12))
+        assert measured.joint_angle_rad == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5], abs=1e-4)
+        assert measured.joint_torque_n_m == pytest.approx([0.0, 0.5, 1.0, 1.5, 2.0, 2.5], abs=0.02)
+        assert measured.grip_angle_rad == pytest.approx((0.6, 0.7), abs=1e-4)
+        assert [d.torque_setpoint_n_m for d in rig.robot.joints] == pytest.approx(torques, abs=0.02)
+        assert [d.torque_setpoint_n_m for d in rig.robot.grippers] == pytest.approx((2.0, -1.5), abs=0.01)
+        assert {d.effort for d in rig.robot.joints} == {"torque"}
+        rig.cycles(80, DriveSetpoint(lift_m=0.12))
+        assert rig.robot.lift.position_setpoint == pytest.approx(0.12, abs=1e-5)
+
+
+def test_lift_takes_a_second_setpoint() -> None:
+    with follower_rig() as rig:
+        rig.enable()
+        rig.cycles(30, DriveSetpoint(lift_m=0.005))
+        rig.cycles(60, DriveSetpoint(lift_m=0.010))
+        assert rig.robot.lift.position_setpoint == pytest.approx(0.010, abs=1e-6)
+
+
+def test_drives_stop_by_themselves_when_the_bridge_is_silent() -> None:
+    with follower_rig() as rig:
+        rig.enable()
+        setpoint = rim_speed(0.3, rig.config)
+        rig.cycles(100, setpoint)
+        rig.pass_time(68)  # 10 ms of the last cycle have passed already
+        assert rig.robot.left_wheel.enabled
+        rig.pass_time(6)
+        assert rig.robot.left_wheel.state.value == 0x07
+        assert {joint.effort for joint in rig.robot.joints} == {"position"}
+        rig.pass_time(700)
+        measured = rig.cycles(20, setpoint)
+        assert any("stood still" in fault for fault in measured.faults)
+        assert rig.robot.left_wheel.state.value == 0x40
+        assert rig.robot.left_wheel.velocity_setpoint_rad_s == 0.0
+        rig.drives.disable()
+        assert rig.cycles(2).faults == ()
+        rig.drives.enable()
+        assert rig.cycles(8).wheels_enabled
+
+
+def test_silent_module_means_stop() -> None:
+    with follower_rig() as rig:
+        measured = rig.enable()
+        assert measured.estop_clear
+        assert measured.battery_v == pytest.approx(26.0)
+        rig.robot.set_stop_inputs(estop_clear=False, protective_clear=True)
+        measured = rig.cycles(2)
+        assert (measured.estop_clear, measured.protective_clear) == (False, True)
+
+
+def test_bring_up_names_the_missing_node() -> None:
+    with follower_rig() as rig:
+        rig.robot.joints[2].node_id = 99
+        rig.robot.joints[2]._sdo.tx_cobid = 0x580 + 99
+        with pytest.raises(DeviceError, match=r"node 13 \(left joint 3\): object 1000h:00: read: no answer"):
+            rig.drives.open()
+        assert not any(drive.enabled for drive in rig.robot.drives)
+
+
+def test_another_device_is_refused_by_name() -> None:
+    with follower_rig() as rig:
+        rig.robot.right_wheel.values[0x1018, 2] = 0x999
+        with pytest.raises(DeviceError, match=r"node 2 \(right wheel\): object 1018h:02: product is 2457"):
+            rig.drives.open()
+
+
+def test_leader_module_lights_leds_and_keeps_them_on_silence() -> None:
+    with leader_rig() as (config, leader, channel, clock):
+        io = LeaderIo(config.leader_can, CONFIG_PATH, leds=4)
+        io.open()
+        io.set_led_currents([1.0, 1.0, 0.5, 0.0])
+        io.drive_actuator(1)
+        for _ in range(3):
+            leader.set_switches(True, False, False, True)
+            leader.set_led_current(2, leader.led_setpoint_a(2))
+            inputs = io.exchange(clock.now_ns())
+            clock.advance_to(clock.now_ns() + 20 * NS_PER_MS)
+            channel.tick()
+        assert inputs.fresh
+        assert inputs.led_current_a == (0.0, 0.0, 0.5, 0.0)
+        assert (inputs.guide_lifted, inputs.beam_seated, inputs.lock_retracted) == (True, False, True)
+        assert leader.actuator == 1
+        clock.advance_to(clock.now_ns() + 250 * NS_PER_MS)
+        channel.tick()
+        assert leader.actuator == 0
+        assert leader.led_setpoint_a(0) == 1.0
+
+
+def test_the_same_over_a_socket() -> None:
+    config = stepped_config()
+    robot = FollowerBus.build(config.follower_can, CONFIG_PATH)
+    ticked = threading.Event()
+    listener = socket.create_server(("127.0.0.1", 0))
+    server = CanServer(listener, {"follower": robot.bus}, time.monotonic_ns, lambda _: ticked.set())
+    server.start()
+    host, port = server.address
+    bus = BusConfig(interface="socketcand", channel="follower", host=host, port=port)
+    drives = DriveBus(config.follower_can.model_copy(update={"bus": bus}), config.base, CONFIG_PATH)
+    drives.open()
+    drives.enable()
+    enabled = False
+    for _ in range(2000):
+        measured = drives.exchange(time.monotonic_ns(), DriveSetpoint(left_rad_s=1.0))
+        enabled = enabled or measured.wheels_enabled
+        if enabled and robot.left_wheel.velocity_setpoint_rad_s > 0.05:
+            break
+        ticked.clear()
+        ticked.wait(1.0)
+    assert measured.faults == ()
+    assert enabled
+    server.stop()
+    for _ in range(200):
+        measured = drives.exchange(time.monotonic_ns(), DriveSetpoint())
+        if not measured.bus_ok:
+            break
+    assert any("CAN bus" in fault for fault in measured.faults)
+    drives.close()
