@@ -35,6 +35,7 @@ def run_process(name: str, config_path: Path, runtime: Path, overrides: Sequence
     )
     log = logging.getLogger(name)
     clock = MonotonicClock()
+    _be_real_time(process(name).priority, log)
     try:
         config = load_config(config_path, overrides)
         context = NodeContext(config, config_path, runtime, secrets.randbits(62), clock)
@@ -50,6 +51,14 @@ def run_process(name: str, config_path: Path, runtime: Path, overrides: Sequence
     except Exception:
         log.exception("stopped by a fault of its own")
         return EXIT_BUG
+
+
+def _be_real_time(priority: int, log: logging.Logger) -> None:
+    """SCHED_FIFO for this thread and those it will start; without the permission, say so and go on."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError as error:
+        log.warning("no real-time priority %d (%s): loops may be late under load", priority, error.strerror)
 
 
 def earlier_processes(name: str) -> list[str]:
@@ -94,7 +103,7 @@ class ProcessExecutor:
             self._loop()
         finally:
             self._publish(self._node.stop(self._clock.now_ns()))
-        self._log.info("stopped after %d steps", self._steps)
+        self._log.info("stopped after %d steps of %.1f ms median, %.1f ms p99", self._steps, *self._step_ms())
         return 0
 
     def stop(self) -> None:
@@ -184,10 +193,14 @@ class ProcessExecutor:
     def _report(self, missed: int) -> None:
         while self._inbox.faults:
             self._log.warning("dropped a message: %s", self._inbox.faults.popleft())
-        durations = sorted(self._durations_ns)
-        p99_ms = durations[int(0.99 * (len(durations) - 1))] / NS_PER_MS if durations else 0.0
-        health = Health(self._node.name, True, self._steps, missed, self._inbox.malformed, p99_ms)
+        health = Health(self._node.name, True, self._steps, missed, self._inbox.malformed, self._step_ms()[1])
         self._publish([(health_channel(self._node.name), health)])
+
+    def _step_ms(self) -> tuple[float, float]:
+        """Median and 99th percentile of the last steps' durations."""
+        durations = sorted(self._durations_ns) or [0]
+        last = len(durations) - 1
+        return durations[last // 2] / NS_PER_MS, durations[int(0.99 * last)] / NS_PER_MS
 
     def _on_signal(self, number: int, _frame: object) -> None:
         self._log.info("told to stop by %s", signal.Signals(number).name)

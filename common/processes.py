@@ -16,11 +16,15 @@ ENTRY_POINTS = "davpc.processes"
 
 @dataclass(frozen=True)
 class Process:
-    """One process: its name everywhere, where it runs, what makes it step and what it is for."""
+    """One process: its name everywhere, where it runs, what makes it step and what it is for.
+
+    ``priority`` is its SCHED_FIFO priority where the system allows one: the shorter the loop, the higher.
+    """
 
     name: str
     robot: Literal["follower", "leader", "world"]
     rate_hz: float
+    priority: int
     stepped_by: str
     purpose: str
 
@@ -32,14 +36,14 @@ class Process:
 
 
 PROCESSES: tuple[Process, ...] = (
-    Process("world", "world", 60, "timer", "simulated backend: plant, CAN drives and I/O modules, light"),
-    Process("follower-can-bridge", "follower", 100, "timer, command", "gate; CANopen to drives and inputs"),
-    Process("leader", "leader", 50, "timer, requests", "LED array, guide and lock; CANopen to the I/O module"),
-    Process("follower-camera", "follower", 60, "camera", "light → frame"),
-    Process("follower-estimator", "follower", 60, "frame", "frame → docking state"),
-    Process("follower-controller", "follower", 20, "every third docking state", "docking state → command"),
-    Process("follower-arms", "follower", 100, "drives", "handle torques, contact from joint torque"),
-    Process("follower-supervisor", "follower", 20, "timer, requests", "phases of a docking, arming"),
+    Process("world", "world", 60, 50, "timer", "simulated backend: plant, CAN drives and I/O modules, light"),
+    Process("follower-can-bridge", "follower", 100, 60, "timer, command", "gate; CANopen to drives and inputs"),
+    Process("leader", "leader", 50, 40, "timer, requests", "LED array, guide and lock; CANopen to the I/O module"),
+    Process("follower-camera", "follower", 60, 30, "camera", "light → frame"),
+    Process("follower-estimator", "follower", 60, 30, "frame", "frame → docking state"),
+    Process("follower-controller", "follower", 20, 25, "every third docking state", "docking state → command"),
+    Process("follower-arms", "follower", 100, 40, "drives", "handle torques, contact from joint torque"),
+    Process("follower-supervisor", "follower", 20, 45, "timer, requests", "phases of a docking, arming"),
 )
 
 

@@ -89,9 +89,8 @@ def run(
 def processes() -> None:
     """List the processes of the runtime. `davpc processes`"""
     for entry in PROCESSES:
-        typer.echo(
-            f"{entry.name:22s} {entry.robot:9s} {entry.rate_hz:4.0f} Hz  by {entry.stepped_by:25s} {entry.purpose}"
-        )
+        when = f"{entry.rate_hz:.0f} Hz by {entry.stepped_by}"
+        typer.echo(f"{entry.name:20s} {entry.robot:9s} FIFO {entry.priority}  {when:36s} {entry.purpose}")
 
 
 def _numbers(text: str, count: int) -> tuple[float, ...]:
