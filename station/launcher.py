@@ -25,8 +25,8 @@ from typing import Any
 
 from common.bus import Bus
 from common.channels import DOCK_REQUEST, Channel
-from common.config import Config, load_config
-from common.executor import earlier_processes
+from common.config import Config, ConfigError, load_config
+from common.executor import EXIT_CONFIG, earlier_processes
 from common.geometry import Pose2
 from common.messages import Answer, DockRequest, Header, MessageError, decode, encode
 from common.node import Inbox, Node, NodeContext, Output, Trigger
@@ -38,6 +38,7 @@ from sim.world_message import WORLD, WorldState
 from station.record import DockingRecord, TrueSample
 
 STATION = "station"
+LOGS = "logs"
 READY_TIMEOUT_S = 40.0
 RUN_TIMEOUT_S = 150.0
 _AFTER_DEATH_NS = 1_500 * NS_PER_MS
@@ -127,7 +128,7 @@ def run_stepped(run: Run) -> tuple[DockingRecord, str]:
 
 def run_processes(run: Run, prefix: str = "davpc") -> tuple[DockingRecord, str]:
     """One docking with every process of the table; the record and what ended it early, if anything."""
-    log_directory = run.out / "logs"
+    log_directory = run.out / LOGS
     log_directory.mkdir(parents=True, exist_ok=True)
     with _runtime_directory() as runtime, _listening_socket() as server, _interruptible() as interrupted:
         children = _start_children(run, runtime, server, log_directory)
@@ -216,10 +217,20 @@ class _Session:
     def _death(self) -> str:
         for name, child in self._children.items():
             code = child.poll()
-            if code is not None:
-                how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-                return f"process {name} died ({how})"
+            if code is None:
+                continue
+            last_words = self._last_words(name)
+            if code == EXIT_CONFIG:
+                raise ConfigError(last_words)
+            how = signal.Signals(-code).name if code < 0 else f"exit code {code}: {last_words}"
+            return f"process {name} died ({how})"
         return ""
+
+    def _last_words(self, name: str) -> str:
+        """What the process logged as its last error."""
+        log = (self._run.out / LOGS / f"{name}.log").read_text(encoding="utf-8", errors="replace")
+        errors = [line.partition(" ERROR ")[2] for line in log.splitlines() if " ERROR " in line]
+        return errors[-1] if errors else f"see {LOGS}/{name}.log"
 
     def _drain(self, wait_s: float) -> None:
         """Record what came in ``wait_s`` seconds."""
@@ -267,17 +278,19 @@ def _start_children(run: Run, runtime: Path, server: socket.socket, logs: Path) 
 
 
 def stop_children(children: dict[str, subprocess.Popen[bytes]]) -> None:
-    """SIGTERM, the bridge first so that the drives stop in order; SIGKILL for what is left."""
-    for child in children.values():
-        if child.poll() is None:
-            child.send_signal(signal.SIGTERM)
-    deadline = time.monotonic() + _TERMINATE_S
-    for child in children.values():
-        try:
-            child.wait(timeout=max(0.05, deadline - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            child.kill()
-            child.wait()
+    """SIGTERM to both robots, so that their drives stop in order, then to the world; SIGKILL to what is left."""
+    robots = [child for name, child in children.items() if name != WORLD.publisher]
+    for group in (robots, [children[WORLD.publisher]]):
+        for child in group:
+            if child.poll() is None:
+                child.send_signal(signal.SIGTERM)
+        deadline = time.monotonic() + _TERMINATE_S
+        for child in group:
+            try:
+                child.wait(timeout=max(0.05, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
 
 
 def _die_with_parent() -> None:

@@ -36,7 +36,8 @@ _QUICK_STOP_THEN_OFF = 2
 _QUICK_STOP_AND_HOLD = 6
 _ABORT_BY_QUICK_STOP = 3
 _INT32 = 1 << 32
-OUTSTANDING = 2
+# answers that may be under way: as many cycles as the drives wait before their watchdogs stop them
+OUTSTANDING = 8
 
 
 @dataclass

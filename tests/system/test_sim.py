@@ -1,0 +1,139 @@
+"""Both robots dock a trolley: all processes over Zenoh and CAN, and the same nodes in stepped time."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from common.config import Config
+from common.processes import PROCESSES
+from tests.system.conftest import CanTap, until
+
+FOLLOWER = [process.name for process in PROCESSES if process.robot == "follower"]
+START = ("--start", "3,0.15,3")
+
+
+def is_docked(results: dict[str, Any]) -> bool:
+    metrics = results["metrics"]
+    return bool(
+        results["connected"]
+        and results["cause"] == "docked"
+        and metrics["e_y_cm"] <= 2.0
+        and metrics["e_theta_deg"] <= 1.0
+        and metrics["duration_s"] <= 60.0
+    )
+
+
+def nothing_is_left(runtime: Path, children: dict[str, int]) -> bool:
+    return not runtime.exists() and not any(Path(f"/proc/{pid}").exists() for pid in children.values())
+
+
+@pytest.mark.alone
+def test_a_docking_with_every_process(sim_run: Any) -> None:
+    run = sim_run(*START, "--seed", "3")
+    run.wait_for("approach")
+    children, runtime = run.children(), run.runtime()
+    assert set(children) == {process.name for process in PROCESSES}
+    assert runtime.stat().st_mode & 0o777 == 0o700
+    assert run.finish() == 0, "".join(run.lines)
+    results = run.results()
+    assert is_docked(results), results
+    assert results["frames"]["seen"] > 300
+    assert results["image_to_can_ms"]["p50"] > 0
+    assert results["settings"]["seed"] == 3
+    for picture in ("trajectory.png", "timeseries.png", "camera_frame.png"):
+        assert (run.out / picture).stat().st_size > 10_000
+    assert nothing_is_left(runtime, children)
+
+
+def test_stepped_dockings_are_bit_identical(sim_run: Any) -> None:
+    first, second = sim_run("--stepped", *START), sim_run("--stepped", *START)
+    assert (first.finish(), second.finish()) == (0, 0), "".join(first.lines)
+    assert is_docked(first.results()), first.results()
+    assert (first.out / "results.json").read_bytes() == (second.out / "results.json").read_bytes()
+    assert (first.out / "camera_frame.png").read_bytes() == (second.out / "camera_frame.png").read_bytes()
+
+
+@pytest.mark.alone
+@pytest.mark.parametrize("victim", FOLLOWER)
+def test_a_killed_follower_process_stops_the_wheels_and_is_named(sim_run: Any, config: Config, victim: str) -> None:
+    run = sim_run("--start", "5,0.3,0")
+    run.wait_for("approach")
+    children, runtime = run.children(), run.runtime()
+    wheels = (config.follower_can.left_wheel.node_id, config.follower_can.right_wheel.node_id)
+    tap = CanTap(run, wheels)
+    until(lambda: any(target for _, _, target in tap.targets), 20)
+    killed_s = time.monotonic()
+    os.kill(children[victim], signal.SIGKILL)
+    assert run.finish() == 1
+    tap.close()
+    results = run.results()
+    assert not results["connected"]
+    assert results["cause"] == f"process {victim} died (SIGKILL)"
+    if victim == "follower-can-bridge":
+        # nobody is left to send a frame: the drives' own watchdogs stop the wheels and say so
+        stopped_s = max(min(at for at, node, code in tap.emergencies if node == wheel and code) for wheel in wheels)
+    else:
+        moving = [at for at, _, target in tap.targets if at > killed_s and target]
+        stopped_s = max([killed_s, *moving])
+        assert any(at > stopped_s and not target for at, _, target in tap.targets)
+    assert stopped_s - killed_s <= 0.250
+    assert nothing_is_left(runtime, children)
+
+
+@pytest.mark.alone
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_leaves_nothing(sim_run: Any, number: signal.Signals) -> None:
+    run = sim_run("--start", "5,0.3,0")
+    run.wait_for("approach")
+    children, runtime = run.children(), run.runtime()
+    run.process.send_signal(number)
+    assert run.finish(30) == 1
+    assert run.results()["cause"] == "interrupted"
+    assert nothing_is_left(runtime, children)
+
+
+@pytest.mark.alone
+def test_a_killed_launcher_takes_its_processes_with_it(sim_run: Any) -> None:
+    run = sim_run("--start", "5,0.3,0")
+    run.wait_for("approach")
+    children = run.children()
+    run.process.kill()
+    until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children.values()), 20)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--set", "camera.exposre_us=1"), "camera.exposre_us: unknown key"),
+        (("--set", "camera.gain=-1.0"), "camera.gain"),
+        (("--set", "world.wheel_lagg_s=1.0"), "wheel_lagg_s: unknown key"),
+        (("--set", "camera.driver='nikon'"), "camera.driver"),
+        (("--set", "controller.solver='magic'"), "controller.solver"),
+        (("--config", "absent.toml"), "absent.toml: cannot be read"),
+        (("--start", "6,1"), "write 3 numbers"),
+    ],
+)
+def test_a_users_mistake_is_one_line_and_exit_code_2(sim_run: Any, arguments: tuple[str, ...], said: str) -> None:
+    run = sim_run(*arguments)
+    assert run.finish(30) == 2
+    complaints = [line for line in run.lines if line.startswith("davpc:")]
+    assert len(complaints) == 1
+    assert said in complaints[0]
+    assert not any("Traceback" in line for line in run.lines)
+
+
+def test_results_hold_what_programs_rely_on(sim_run: Any) -> None:
+    run = sim_run("--stepped", "--start", "2.2,0.0,0")
+    assert run.finish() == 0
+    results = json.loads((run.out / "results.json").read_text())
+    assert set(results["metrics"]) == {"e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px", "m_v", "m_w", "duration_s"}
+    assert set(results["frames"]) == {"seen", "dropped"}
+    assert set(results["image_to_can_ms"]) == {"p50", "p99"}
+    assert all(isinstance(value, float) for value in results["metrics"].values())
