@@ -111,6 +111,18 @@ class DockingConfig(Section):
         return Pose2(self.goal_distance_m + self.trolley_pitch_m * (trolley - 1), 0.0, 0.0)
 
 
+Quadruple = tuple[float, float, float, float]
+
+
+class DisturbanceConfig(Section):
+    """Disturbance states of the observer, in the order: speed gain, turn gain, yaw [rad/s], sideways [m/s]."""
+
+    walk: Annotated[Quadruple, Field(description="random walk while driving, per root second")]
+    onset_sigma: Annotated[Quadruple, Field(description="what a disturbance may be when one is detected")]
+    quiet_sigma: Annotated[Quadruple, Field(description="what it may be otherwise")]
+    bound: Annotated[Quadruple, Field(description="of the estimate")]
+
+
 class EstimatorConfig(Section):
     """Perception and the filtered relative state."""
 
@@ -123,7 +135,27 @@ class EstimatorConfig(Section):
     coast_ms: Positive
     pixel_sigma_px: Positive
     process_noise: Annotated[tuple[float, float, float], Field(description="m, m, rad per root second")]
-    speed_noise: Annotated[Pair, Field(description="relative noise of v; of ω, each per root second")]
+    distance_noise: Annotated[float, Field(ge=0, description="m, m, rad per root metre driven")]
+    disturbance: DisturbanceConfig
+
+
+class RealtimeConfig(Section):
+    """The real-time predictive controller: 3 states, inputs linear between knots, one Gauss–Newton step a period."""
+
+    horizon: Annotated[int, Field(ge=5, le=100)]
+    knots: Annotated[tuple[int, ...], Field(min_length=3, description="steps at which inputs are free, from 0")]
+    terminal_weight: Annotated[tuple[float, float, float], Field(description="of each α, each β, and θ")]
+    effort_weight: Annotated[Pair, Field(description="of v² and ω², each step")]
+    rate_weight: Annotated[Pair, Field(description="of Δv² and Δω², each step")]
+    visibility_weight: Positive
+    wheel_lag_ms: NonNegative
+
+    @model_validator(mode="after")
+    def _knots_span_the_horizon(self) -> RealtimeConfig:
+        rising = all(a < b for a, b in zip(self.knots, self.knots[1:], strict=False))
+        if not rising or self.knots[0] != 0 or self.knots[-1] != self.horizon - 1:
+            raise ValueError("knots rise from 0 to horizon - 1")
+        return self
 
 
 class ControllerConfig(Section):
@@ -138,6 +170,7 @@ class ControllerConfig(Section):
     effort_weight: Annotated[Pair, Field(description="R of v and ω")]
     visibility_margin_px: NonNegative
     deadline_ms: Positive
+    realtime: RealtimeConfig
 
 
 class LimitsConfig(Section):

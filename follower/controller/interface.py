@@ -16,6 +16,7 @@ import numpy as np
 
 from common.config import Config, ConfigError
 from common.geometry import Array, Pose2
+from follower.motion import NO_DISTURBANCE, MotionDisturbance
 
 
 class PlanStatus(Enum):
@@ -36,24 +37,6 @@ class SpeedCaps:
     v_min_m_s: float
     v_max_m_s: float
     w_max_rad_s: float
-
-
-@dataclass(frozen=True)
-class MotionDisturbance:
-    """Disturbance of the motion, estimated: the robot moves with v(1 + gain), ω + yaw·v, sideways slip·v.
-
-    Attributes:
-        gain: relative error of the forward speed.
-        yaw_rad_m: extra turn for each metre driven.
-        slip: metres drifted to the left for each metre driven.
-    """
-
-    gain: float = 0.0
-    yaw_rad_m: float = 0.0
-    slip: float = 0.0
-
-
-NO_DISTURBANCE = MotionDisturbance()
 
 
 @dataclass(frozen=True)
@@ -111,6 +94,7 @@ class PredictiveController(Protocol):
         last_applied: tuple[float, float],
         caps: SpeedCaps,
         disturbance: MotionDisturbance = NO_DISTURBANCE,
+        wheels: tuple[float, float] | None = None,
     ) -> Plan:
         """Plan from the state at which the next command takes effect.
 
@@ -123,10 +107,12 @@ class PredictiveController(Protocol):
             last_applied: command v [m/s], ω [rad/s] that u_0 may differ from by one step of the rate limit.
             caps: velocity bounds now.
             disturbance: for methods that predict with it.
+            wheels: twist measured at the wheels, for methods that predict their lag; None: as commanded.
         """
 
 
 _FACTORIES = {
+    "gauss_newton": ("follower.controller.realtime", "make"),
     "fatrop": ("follower.controller.paper_nmpc", "make"),
     "ipopt": ("follower.controller.paper_nmpc", "make"),
 }

@@ -15,8 +15,6 @@ import numpy as np
 from common.config import Config, ControllerConfig, LimitsConfig
 from common.geometry import Array, Pinhole, Pose2, features_at
 from follower.controller.interface import (
-    NO_DISTURBANCE,
-    MotionDisturbance,
     Plan,
     PlanStatus,
     SpeedCaps,
@@ -25,6 +23,7 @@ from follower.controller.interface import (
 from follower.controller.limits import reachable_bounds
 from follower.controller.model import extended_state, flipped_features
 from follower.controller.transcription import Transcription
+from follower.motion import NO_DISTURBANCE, MotionDisturbance
 
 _STATUSES = {
     "Maximum_Iterations_Exceeded": PlanStatus.ITERATION_LIMIT,
@@ -109,6 +108,7 @@ class PaperNmpc:
         last_applied: tuple[float, float],
         caps: SpeedCaps,
         disturbance: MotionDisturbance = NO_DISTURBANCE,  # noqa: ARG002 - the nominal model has none
+        wheels: tuple[float, float] | None = None,  # noqa: ARG002 - nor a lag
     ) -> Plan:
         """Solve eq. (nmpc_problem) from x_init = [features, θ]; see :class:`PredictiveController`."""
         shape = self._shape

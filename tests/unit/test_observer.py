@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config import Config, default_config_path, load_config
-from common.geometry import Array, Pose2, features_at, move_relative
-from follower.estimator.observer import RelativeObserver, feature_jacobian, motion_jacobians
+from common.geometry import Array, Pose2, feature_jacobian, features_at, move_relative
+from follower.estimator.motion_model import advance
+from follower.estimator.observer import RelativeObserver
+from follower.motion import MotionDisturbance
 
 CONFIG = load_config(default_config_path())
 POINTS, CAMERA = CONFIG.leds.points, CONFIG.camera.mount
@@ -39,18 +43,30 @@ def test_feature_jacobian_is_the_derivative(pose: Pose2) -> None:
     np.testing.assert_allclose(feature_jacobian(POINTS, pose, CAMERA), np.array(columns).T, atol=1e-7)
 
 
+disturbances = st.builds(
+    MotionDisturbance, st.floats(-0.3, 0.3), st.floats(-0.4, 0.4), st.floats(-0.1, 0.1), st.floats(-0.05, 0.05)
+)
+
+
+def stacked(pose: Pose2, disturbance: MotionDisturbance) -> Array:
+    return np.concatenate([pose.as_array(), astuple(disturbance)])
+
+
+@given(poses, disturbances, st.floats(-0.1, 0.5), st.floats(-0.6, 0.6))
+def test_transition_is_the_derivative(pose: Pose2, disturbance: MotionDisturbance, v: float, w: float) -> None:
+    state, step = stacked(pose, disturbance), 1e-6
+    transition = advance(state, v, w, 0.05)[1]
+    for i, axis in enumerate(np.eye(7)):
+        slope = (advance(state + step * axis, v, w, 0.05)[0] - advance(state - step * axis, v, w, 0.05)[0]) / (
+            2 * step
+        )
+        np.testing.assert_allclose(transition[:, i], slope, atol=1e-7)
+
+
 @given(poses, st.floats(-0.1, 0.5), st.floats(-0.6, 0.6))
-def test_motion_jacobians_are_the_derivatives(pose: Pose2, v: float, w: float) -> None:
-    step, duration = 1e-5, 0.05
-    by_pose, by_twist = motion_jacobians(pose.as_array(), v, w, duration)
-    for i, axis in enumerate(np.eye(3)):
-        ahead = move_relative(Pose2(*(pose.as_array() + step * axis)), v, w, duration).as_array()
-        behind = move_relative(Pose2(*(pose.as_array() - step * axis)), v, w, duration).as_array()
-        np.testing.assert_allclose(by_pose[:, i], (ahead - behind) / (2 * step), atol=1e-8)
-    for i, (dv, dw) in enumerate(step * np.eye(2)):
-        ahead = move_relative(pose, v + dv, w + dw, duration).as_array()
-        behind = move_relative(pose, v - dv, w - dw, duration).as_array()
-        np.testing.assert_allclose(by_twist[:, i], (ahead - behind) / (2 * step), atol=1e-7)
+def test_undisturbed_motion_is_the_exact_one(pose: Pose2, v: float, w: float) -> None:
+    moved = advance(stacked(pose, MotionDisturbance()), v, w, 1 / 60)[0]
+    np.testing.assert_allclose(moved[:3], move_relative(pose, v, w, 1 / 60).as_array(), atol=1e-7)
 
 
 def run(observer: RelativeObserver, truth: Pose2, frames: int, seed: int, v: float = 0.1, w: float = 0.02) -> Pose2:

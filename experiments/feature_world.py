@@ -1,0 +1,155 @@
+"""The world at feature level: a base that drives in the plane and a camera that gives noisy normalised features.
+
+A model of its own: the pose of {F} in {L} is integrated in small steps, the projection is written from the pinhole
+geometry again; controllers and observers share nothing with it but the frames. Not modelled: light, spots,
+identification, lens distortion, pitch and roll of the camera (the pixel level has them).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.config import Config
+from common.geometry import Array, Pose2, wrap_angle
+
+STEP_S = 1 / 240
+FULL_DRIFT_SPEED_M_S = 0.05
+
+
+@dataclass(frozen=True)
+class Pads:
+    """Rubber pads between two distances behind the Leader, and what they do to whoever drives over them.
+
+    Attributes:
+        from_m, to_m: nearer and farther edge, distance behind the Leader.
+        speed_gain, turn_gain: share of the wheels' v and ω that reaches the ground.
+        sideways_m_s, yaw_rad_s: drift to the left, and turn, of a robot that is moving.
+    """
+
+    from_m: float
+    to_m: float
+    speed_gain: float = 1.0
+    turn_gain: float = 1.0
+    sideways_m_s: float = 0.0
+    yaw_rad_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Disturbances:
+    """What separates the ground's truth from the command.
+
+    ``load_gain`` and ``lag_s`` act on the wheels, so encoders see them; pads and ``yaw_bias_rad_s`` act between
+    wheels and ground, so they do not. Drifts fade to zero below 0.05 m/s: a pad does not move a robot that stands.
+    """
+
+    load_gain: float = 1.0
+    lag_s: float = 0.0
+    yaw_bias_rad_s: float = 0.0
+    pads: tuple[Pads, ...] = ()
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What perception gives of one frame: (n, 2) normalised features, NaN where unseen; θ_L^F of the homography."""
+
+    time_ns: int
+    features: Array
+    theta_rad: float
+
+
+class FeatureWorld:
+    """One robot, one array. Deterministic for a seed; time moves by :meth:`advance`."""
+
+    def __init__(
+        self,
+        config: Config,
+        points_l: Array,
+        start: Pose2,
+        seed: int,
+        disturbances: Disturbances,
+        noise_px: float,
+        noise_theta_rad: float,
+    ) -> None:
+        self._config = config
+        self._points_l = points_l
+        self._disturbances = disturbances
+        self._noise = (noise_px, noise_theta_rad)
+        self._random = np.random.default_rng(seed)
+        self.pose = start  # {F} in {L}
+        self.command = (0.0, 0.0)
+        self.wheels = (0.0, 0.0)
+
+    def advance(self, duration_s: float) -> None:
+        """Drive on with the present command."""
+        steps = max(1, math.ceil(duration_s / STEP_S - 1e-9))
+        for _ in range(steps):
+            self._step(duration_s / steps)
+
+    def _step(self, dt_s: float) -> None:
+        world = self._disturbances
+        follow = 1.0 - math.exp(-dt_s / world.lag_s) if world.lag_s > 0 else 1.0
+        v, w = self.wheels
+        v += follow * (world.load_gain * self.command[0] - v)
+        w += follow * (world.load_gain * self.command[1] - w)
+        self.wheels = (v, w)
+        moving = min(1.0, abs(v) / FULL_DRIFT_SPEED_M_S)
+        forward, sideways, turn = v, 0.0, w + world.yaw_bias_rad_s * moving
+        for pads in world.pads:
+            if pads.from_m <= -self.pose.x_m <= pads.to_m:
+                forward *= pads.speed_gain
+                turn += (pads.turn_gain - 1.0) * w + pads.yaw_rad_s * moving
+                sideways += pads.sideways_m_s * moving
+        middle = self.pose.theta_rad + turn * dt_s / 2
+        c, s = math.cos(middle), math.sin(middle)
+        self.pose = Pose2(
+            self.pose.x_m + (c * forward - s * sideways) * dt_s,
+            self.pose.y_m + (s * forward + c * sideways) * dt_s,
+            wrap_angle(self.pose.theta_rad + turn * dt_s),
+        )
+
+    def true_pixels(self) -> Array:
+        """Projections (n, 2) without noise, also outside the image; NaN behind the camera."""
+        return project(self._config, self._points_l, self.pose)
+
+    def in_view(self) -> Array:
+        """(n,) whether each projection lies in the image."""
+        return inside_image(self._config, self.true_pixels())
+
+    def measure(self, time_ns: int) -> Measurement:
+        """One frame with fresh noise."""
+        noise_px, noise_theta = self._noise
+        true = self.true_pixels()
+        noisy = true + noise_px * self._random.standard_normal(true.shape)
+        noisy[~inside_image(self._config, true)] = np.nan
+        theta = wrap_angle(-self.pose.theta_rad + noise_theta * self._random.standard_normal())
+        return Measurement(time_ns, self._config.camera.pinhole.to_normalised(noisy), theta)
+
+
+def project(config: Config, points_l: Array, pose: Pose2) -> Array:
+    """Pixels (n, 2) of points of {L} for a camera on {F} at ``pose`` in {L}; NaN behind the camera."""
+    c, s = math.cos(pose.theta_rad), math.sin(pose.theta_rad)
+    camera_x, camera_y, camera_z = config.camera.mount_xyz_m
+    ahead_l, left_l = points_l[:, 0] - pose.x_m, points_l[:, 1] - pose.y_m
+    depth = c * ahead_l + s * left_l - camera_x
+    left = -s * ahead_l + c * left_l - camera_y
+    depth = np.where(depth > 1e-3, depth, np.nan)
+    lens = config.camera.lens
+    return np.stack(
+        [lens.cx_px - lens.fx_px * left / depth, lens.cy_px + lens.fy_px * (camera_z - points_l[:, 2]) / depth],
+        axis=1,
+    )
+
+
+def inside_image(config: Config, pixels: Array) -> Array:
+    """(n,) whether pixels lie in the image; NaN do not."""
+    size = np.array([config.camera.width_px - 1, config.camera.height_px - 1])
+    inside: Array = np.all((pixels >= 0) & (pixels <= size), axis=1)
+    return inside
+
+
+def vertical_array(config: Config) -> Array:
+    """The paper's array: the configured LEDs in the plane X = 0 of {L}."""
+    return config.leds.points * [0.0, 1.0, 1.0]

@@ -1,0 +1,33 @@
+"""Inputs linear between knots: fewer variables, and bounds that hold between them as well."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from common.geometry import Array
+
+
+class KnotBasis:
+    """``u = basis @ z``: (N,) inputs from (m,) values at the knots."""
+
+    def __init__(self, knots: tuple[int, ...]) -> None:
+        self.knots = np.array(knots)
+        steps = np.arange(self.knots[-1] + 1)
+        self.basis = _interpolation(self.knots, steps)
+        self.shift = _interpolation(self.knots, np.minimum(self.knots + 1, self.knots[-1]))
+        self.lengths = np.diff(self.knots)
+
+    def differences(self) -> Array:
+        """(N, m): u_k − u_{k−1} from the knots, but for the u_{−1} of the first row."""
+        rows = self.basis.copy()
+        rows[1:] -= self.basis[:-1]
+        return rows
+
+    def rates(self) -> Array:
+        """(m − 1, m): what u changes from knot to knot; to be held below the rate limit times ``lengths``."""
+        return np.diff(np.eye(self.knots.size), axis=0)
+
+
+def _interpolation(knots: Array, at: Array) -> Array:
+    columns = [np.interp(at, knots, unit) for unit in np.eye(knots.size)]
+    return np.stack(columns, axis=1)

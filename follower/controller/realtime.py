@@ -1,0 +1,266 @@
+"""The default controller: the paper's problem in 3 states, by one Gauss–Newton step a period.
+
+The state is the relative pose; the features are its outputs, and the terminal cost of eq. (nmpc_problem) stays on
+them. The motion is condensed into the inputs, which are linear between knots: velocity bounds and rate limit hold
+exactly at every step if they hold at the knots. What is left is a dense quadratic program of two variables a knot,
+solved by daqp, with soft rows for features that come near the edge of the image.
+"""
+
+from __future__ import annotations
+
+from dataclasses import astuple
+
+import daqp
+import numpy as np
+
+from common.config import Config, ControllerConfig, LimitsConfig
+from common.geometry import Array, Pinhole, Pose2, feature_jacobian, features_at
+from follower.controller.interface import (
+    Plan,
+    PlanStatus,
+    SpeedCaps,
+    failed_plan,
+)
+from follower.controller.knots import KnotBasis
+from follower.controller.limits import reachable_bounds
+from follower.controller.paper_nmpc import visibility_bounds
+from follower.controller.rollout import Rollout, roll_out
+from follower.controller.wheel_lag import wheel_response
+from follower.motion import NO_DISTURBANCE, MotionDisturbance
+
+COLD_STEPS = 12
+CONVERGED = 1e-5
+TOLERANCE = 1e-6
+NEAR_EDGE = 0.2  # normalised; features farther inside get no row
+_SOFT = 8  # daqp's flag of a constraint that may be violated at a cost
+_STATUSES = {-1: PlanStatus.INFEASIBLE, -4: PlanStatus.ITERATION_LIMIT}
+
+
+class RealtimeController:
+    """Gauss–Newton predictive control; keeps the last solution to linearise around."""
+
+    def __init__(
+        self,
+        points_l: Array,
+        camera_xyz_m: Array,
+        pinhole: Pinhole,
+        controller: ControllerConfig,
+        limits: LimitsConfig,
+    ) -> None:
+        config = controller.realtime
+        self._points_l, self._camera = points_l, camera_xyz_m
+        self._limits = limits
+        self._period_s = controller.period_ms * 1e-3
+        self._knots = KnotBasis(config.knots)
+        self._size = len(config.knots)
+        lagged, self._lag_free = wheel_response(config.horizon, self._period_s, config.wheel_lag_ms * 1e-3)
+        self._wheel_basis = lagged @ self._knots.basis
+        self._visible = visibility_bounds(pinhole, controller.visibility_margin_px, len(points_l))
+        alpha, beta, theta = config.terminal_weight
+        self._terminal_weight = np.append(np.tile([alpha, beta], len(points_l)), theta)
+        self._hessian = self._input_hessian(config.effort_weight, config.rate_weight)
+        self._effort_weight, self._rate_weight = config.effort_weight, config.rate_weight
+        rates = self._knots.rates()
+        self._rate_rows = np.block([[rates, 0 * rates], [0 * rates, rates]])
+        self._rate_bounds = np.concatenate(
+            [self._knots.lengths * limits.controller_dv_m_s, self._knots.lengths * limits.controller_dw_rad_s]
+        )
+        self._watched = np.append(self._knots.knots[3:], config.horizon)
+        self._soft = 1.0 / config.visibility_weight
+        self._warm: Array | None = None
+
+    def warm_up(self) -> None:
+        """Solve from three metres before the goal, cold and then warm."""
+        caps = SpeedCaps(self._limits.v_min_m_s, self._limits.v_max_m_s, self._limits.w_max_rad_s)
+        goal = features_at(self._points_l, Pose2(1.5, 0.0, 0.0), self._camera)
+        start = Pose2(4.5, 0.3, 0.1)
+        for _ in range(3):
+            self.solve(start, goal, 0.0, goal, 0.0, (0.0, 0.0), caps)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last solution."""
+        self._warm = None
+
+    def solve(
+        self,
+        pose: Pose2,
+        features: Array,  # noqa: ARG002 - the pose carries what they told
+        theta_rad: float,  # noqa: ARG002
+        desired_features: Array,
+        desired_theta_rad: float,
+        last_applied: tuple[float, float],
+        caps: SpeedCaps,
+        disturbance: MotionDisturbance = NO_DISTURBANCE,
+        wheels: tuple[float, float] | None = None,
+    ) -> Plan:
+        """One step from the last solution, several from none; see :class:`PredictiveController`."""
+        desired = np.append(np.asarray(desired_features, dtype=float).reshape(-1), desired_theta_rad)
+        horizon = self._knots.basis.shape[0]
+        finite = np.isfinite([*pose.as_array(), *last_applied, *astuple(disturbance)])
+        if desired.size != self._terminal_weight.size or not (finite.all() and np.isfinite(desired).all()):
+            return failed_plan(PlanStatus.INVALID_INPUT, horizon, 3)
+        knots, steps = self._guess(last_applied)
+        free = np.outer(last_applied if wheels is None else wheels, self._lag_free)
+        lower, upper = self._bounds(caps, last_applied)
+        iterations = 0
+        for _ in range(steps):
+            rolled = self._roll_out(pose, knots, free, disturbance)
+            try:
+                status, solution, used = self._step(rolled, knots, desired, last_applied, lower, upper)
+            except ValueError:  # the linearisation point leads behind the array
+                status, solution, used = PlanStatus.NUMERICAL_FAILURE, knots, 0
+            iterations += used
+            if status is not PlanStatus.SOLVED:
+                self._warm = None
+                return failed_plan(status, horizon, 3, iterations)
+            change = float(np.abs(solution - knots).max())
+            knots = solution
+            if change < CONVERGED:
+                break
+        self._warm = knots
+        rolled = self._roll_out(pose, knots, free, disturbance)
+        return self._plan(rolled, knots, desired, last_applied, iterations)
+
+    def _guess(self, last_applied: tuple[float, float]) -> tuple[Array, int]:
+        if self._warm is None:
+            return np.repeat(last_applied, self._size), COLD_STEPS
+        return (self._knots.shift @ self._warm.reshape(2, -1).T).T.reshape(-1), 1
+
+    def _roll_out(self, pose: Pose2, knots: Array, free: Array, disturbance: MotionDisturbance) -> Rollout:
+        v, w = knots.reshape(2, -1) @ self._wheel_basis.T + free
+        return roll_out(pose, v, w, self._period_s, disturbance)
+
+    def _step(
+        self,
+        rolled: Rollout,
+        knots: Array,
+        desired: Array,
+        last_applied: tuple[float, float],
+        lower: Array,
+        upper: Array,
+    ) -> tuple[PlanStatus, Array, int]:
+        """Solve the quadratic program linearised along ``rolled``."""
+        horizon = self._knots.basis.shape[0]
+        final = rolled.pose(horizon)
+        outputs = self._outputs(final)
+        by_pose = np.vstack([feature_jacobian(self._points_l, final, self._camera), [0.0, 0.0, 1.0]])
+        by_knots = by_pose @ self._by_knots(rolled, horizon)
+        weighted = by_knots.T * self._terminal_weight
+        hessian = self._hessian + 2 * weighted @ by_knots
+        gradient = 2 * weighted @ (outputs - desired - by_knots @ knots)
+        gradient[0] -= 2 * self._rate_weight[0] * last_applied[0]
+        gradient[self._size] -= 2 * self._rate_weight[1] * last_applied[1]
+        rows, row_lower, row_upper = self._visibility_rows(rolled, knots)
+        solution, _, flag, info = daqp.solve(
+            hessian,
+            gradient,
+            np.vstack([self._rate_rows, rows]),
+            np.concatenate([upper, self._rate_bounds, row_upper]),
+            np.concatenate([lower, -self._rate_bounds, row_lower]),
+            np.concatenate(
+                [np.zeros(lower.size + self._rate_bounds.size, np.int32), np.full(len(rows), _SOFT, np.int32)]
+            ),
+            rho_soft=self._soft,
+        )
+        return self._checked(flag, solution, lower, upper), solution, int(info["iterations"])
+
+    def _checked(self, flag: int, solution: Array, lower: Array, upper: Array) -> PlanStatus:
+        """Trust no flag: a solution counts only if it keeps the hard bounds."""
+        if flag <= 0:
+            return _STATUSES.get(flag, PlanStatus.NUMERICAL_FAILURE)
+        rates = np.abs(self._rate_rows @ solution) - self._rate_bounds
+        kept = (
+            np.isfinite(solution).all()
+            and np.all(solution >= lower - TOLERANCE)
+            and np.all(solution <= upper + TOLERANCE)
+            and rates.max() <= TOLERANCE
+        )
+        return PlanStatus.SOLVED if kept else PlanStatus.NUMERICAL_FAILURE
+
+    def _outputs(self, pose: Pose2) -> Array:
+        """[features, θ] seen from a pose, (2n+1,)."""
+        return np.append(features_at(self._points_l, pose, self._camera).reshape(-1), pose.theta_rad)
+
+    def _by_knots(self, rolled: Rollout, k: int) -> Array:
+        """Derivative of the pose after k steps by the knots, (3, 2m)."""
+        by_v, by_w = rolled.sensitivity(k)
+        basis = self._wheel_basis[:k]
+        return np.hstack([by_v @ basis, by_w @ basis])
+
+    def _visibility_rows(self, rolled: Rollout, knots: Array) -> tuple[Array, Array, Array]:
+        """Rows for features that come near an edge of the image at a knot."""
+        low, high = self._visible
+        stages = self._watched
+        poses = rolled.poses()[stages]
+        seen = _features_along(self._points_l, poses, self._camera)
+        near = (seen < low + NEAR_EDGE) | (seen > high - NEAR_EDGE)
+        rows, row_low, row_high = [np.empty((0, knots.size))], [np.empty(0)], [np.empty(0)]
+        for i in np.flatnonzero(near.any(axis=1)):
+            here = near[i]
+            by_pose = feature_jacobian(self._points_l, Pose2(*poses[i]), self._camera)[here]
+            by_knots = by_pose @ self._by_knots(rolled, int(stages[i]))
+            offset = by_knots @ knots - seen[i, here]
+            rows.append(by_knots)
+            row_low.append(low[here] + offset)
+            row_high.append(high[here] + offset)
+        return np.vstack(rows), np.concatenate(row_low), np.concatenate(row_high)
+
+    def _bounds(self, caps: SpeedCaps, last_applied: tuple[float, float]) -> tuple[Array, Array]:
+        """Bounds of the knots (2m,); the first knot keeps the rate limit against the last command."""
+        reach = reachable_bounds(caps, last_applied, self._limits, self._knots.basis.shape[0])
+        v_low, v_high, w_low, w_high = (bound[self._knots.knots] for bound in reach)
+        lower, upper = np.concatenate([v_low, w_low]), np.concatenate([v_high, w_high])
+        steps = (self._limits.controller_dv_m_s, self._limits.controller_dw_rad_s)
+        for i, last, step in zip((0, self._size), last_applied, steps, strict=True):
+            lower[i], upper[i] = max(lower[i], last - step), min(upper[i], last + step)
+        return lower, upper
+
+    def _input_hessian(self, effort: tuple[float, float], rate: tuple[float, float]) -> Array:
+        """Of the effort and of the change of the inputs, in the knots, (2m, 2m)."""
+        basis, differences = self._knots.basis, self._knots.differences()
+        blocks = [
+            2 * (r * basis.T @ basis + s * differences.T @ differences) for r, s in zip(effort, rate, strict=True)
+        ]
+        nothing = np.zeros_like(blocks[0])
+        return np.block([[blocks[0], nothing], [nothing, blocks[1]]])
+
+    def _plan(
+        self, rolled: Rollout, knots: Array, desired: Array, last_applied: tuple[float, float], iterations: int
+    ) -> Plan:
+        v, w = knots.reshape(2, -1) @ self._knots.basis.T
+        states = rolled.poses()
+        try:
+            error = self._outputs(Pose2(*states[-1])) - desired
+        except ValueError:  # the plan leads past the array
+            self._warm = None
+            return failed_plan(PlanStatus.NUMERICAL_FAILURE, v.size, 3, iterations)
+        cost = float(self._terminal_weight @ error**2)
+        for inputs, last, effort, rate in zip(
+            (v, w), last_applied, self._effort_weight, self._rate_weight, strict=True
+        ):
+            cost += effort * float(inputs @ inputs) + rate * float(np.sum(np.diff(inputs, prepend=last) ** 2))
+        return Plan(PlanStatus.SOLVED, v, w, cost, iterations, states)
+
+
+def _features_along(points_l: Array, poses: Array, camera_xyz_m: Array) -> Array:
+    """Features (k, 2n) from k poses.
+
+    Raises:
+        ValueError: a point lies behind the camera.
+    """
+    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    depth = poses[:, :1] - camera_xyz_m[0] + c * points_l[:, 0] - s * points_l[:, 1]
+    if np.any(depth <= 0):
+        raise ValueError("a point behind the camera has no image")
+    across = camera_xyz_m[1] - poses[:, 1:2] - s * points_l[:, 0] - c * points_l[:, 1]
+    seen = np.empty((len(poses), 2 * len(points_l)))
+    seen[:, 0::2], seen[:, 1::2] = across / depth, (camera_xyz_m[2] - points_l[:, 2]) / depth
+    return seen
+
+
+def make(config: Config) -> RealtimeController:
+    """The controller of a configuration."""
+    return RealtimeController(
+        config.leds.points, config.camera.mount, config.camera.pinhole, config.controller, config.limits
+    )
