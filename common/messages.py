@@ -110,7 +110,8 @@ class DockingState:
     ``features`` are the measured normalised coordinates [α, β] of the LEDs, by LED, None for one not seen;
     ``features_filtered`` the same from the filtered pose. The pose is that of {L} in {F} at ``capture_ns``,
     its covariance row by row (x [m], y [m], θ [rad]). ``theta_homography_rad`` is θ_L^F of the paper's
-    homography where that has a solution. ``valid`` is false with a ``cause`` that says why.
+    homography where that has a solution. ``disturbance`` is what the motion differs from the wheels by: relative
+    speed, relative turn, yaw [rad/s], sideways [m/s]. ``valid`` is false with a ``cause`` that says why.
     """
 
     SCHEMA: ClassVar[str] = "docking_state/1"
@@ -126,6 +127,7 @@ class DockingState:
     y_m: Metres
     theta_rad: Angle
     covariance: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]
+    disturbance: tuple[float, float, float, float]
     residual_px: Annotated[float, Field(ge=0)]
     spots: Count
     frames_seen: Count

@@ -8,6 +8,7 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 
+from common.geometry import Pose2
 from common.messages import DockingState, Phase
 from common.timing import NS_PER_S
 from station.record import DockingRecord
@@ -53,10 +54,18 @@ def draw_plan_view(record: DockingRecord, path: Path) -> Path:
     axes.plot(xs, ys, color="tab:blue", lw=1.8, label="true")
     every = max(1, len(xs) // 14)
     axes.quiver(
-        xs[::every], ys[::every], np.cos(headings[::every]), np.sin(headings[::every]), color="tab:blue", width=0.004
+        xs[::every],
+        ys[::every],
+        np.cos(headings[::every]),
+        np.sin(headings[::every]),
+        color="tab:blue",
+        width=0.003,
+        scale=24,
     )
-    goal = record.config.docking.goal(1).inverse()
+    goal = record.goal().inverse()
     axes.plot(goal.x_m, goal.y_m, "k+", ms=12, label="goal")
+    for sample in (record.truth[0], record.truth[-1]):
+        _draw_robot(axes, sample.pose)
     bound = record.config.docking.lateral_bound_first_m
     axes.fill_between([goal.x_m - 0.5, goal.x_m + 0.2], -bound, bound, color="tab:green", alpha=0.25, label="±6 cm")
     leds = record.config.leds.points
@@ -100,7 +109,7 @@ def draw_camera_frame(record: DockingRecord, path: Path) -> Path:
     image, state = record.picture
     canvas = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
     pinhole = record.config.camera.pinhole
-    goal_pixels = record.pixels(record.config.docking.goal(1))
+    goal_pixels = record.pixels(record.goal())
     for n, pixel in enumerate(goal_pixels):
         cv2.circle(canvas, _corner(pixel), 4, (120, 120, 120), 1, cv2.LINE_AA)
         if n < len(state.features_filtered):
@@ -112,12 +121,39 @@ def draw_camera_frame(record: DockingRecord, path: Path) -> Path:
             cv2.circle(canvas, _corner(pixel), 16, (80, 255, 80), 2, cv2.LINE_AA)
             at = (_corner(pixel)[0] + 20, _corner(pixel)[1] - 12)
             cv2.putText(canvas, f"LED {n}", at, cv2.FONT_HERSHEY_SIMPLEX, 0.6, (80, 255, 80), 1, cv2.LINE_AA)
+    _add_insets(canvas, record, state)
     pose = f"x {state.x_m:.2f} m  y {state.y_m:+.3f} m  theta {np.degrees(state.theta_rad):+.2f} deg"
     text = f"frame {state.frame_sequence}  {pose}"
     cv2.putText(canvas, text, (16, 32), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (255, 255, 255), 1, cv2.LINE_AA)
     if not cv2.imwrite(str(path), canvas):
         raise OSError(f"{path}: the picture could not be written")
     return path
+
+
+def _add_insets(canvas: np.ndarray, record: DockingRecord, state: DockingState) -> None:
+    """The pixels around each measured spot, magnified, along the lower edge."""
+    half, scale, margin = 10, 9, 16
+    side = (2 * half + 1) * scale
+    pinhole = record.config.camera.pinhole
+    assert record.picture is not None
+    image = cv2.copyMakeBorder(record.picture[0], half, half, half, half, cv2.BORDER_CONSTANT)
+    top = canvas.shape[0] - side - margin
+    for n, feature in enumerate(state.features):
+        if feature is None:
+            continue
+        pixel = pinhole.to_pixels(np.array(feature))
+        column, row = _corner(pixel)
+        patch = image[row : row + 2 * half + 1, column : column + 2 * half + 1]
+        if patch.shape != (2 * half + 1, 2 * half + 1):
+            continue
+        large = cv2.resize(patch, (side, side), interpolation=cv2.INTER_NEAREST)
+        left = margin + n * (side + margin)
+        canvas[top : top + side, left : left + side] = cv2.cvtColor(large, cv2.COLOR_GRAY2BGR)
+        centre = (pixel - [column, row] + half + 0.5) * scale + [left, top]
+        cv2.drawMarker(canvas, _corner(centre), (0, 0, 255), cv2.MARKER_CROSS, 26, 1, cv2.LINE_AA)
+        cv2.rectangle(canvas, (left, top), (left + side, top + side), (80, 255, 80), 1)
+        at = (left + 6, top + 20)
+        cv2.putText(canvas, f"LED {n}", at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (80, 255, 80), 1, cv2.LINE_AA)
 
 
 def _plot_features(record: DockingRecord, axes: Axes, seconds: np.ndarray) -> None:
@@ -128,6 +164,13 @@ def _plot_features(record: DockingRecord, axes: Axes, seconds: np.ndarray) -> No
         axes.plot(seconds, values[:, 0], color=colour, label=f"α{n}, β{n}")
         axes.plot(seconds, values[:, 1], color=colour, ls=":")
     axes.set(ylabel="features s [-]")
+
+
+def _draw_robot(axes: Axes, pose: Pose2) -> None:
+    """Outline of the chassis, for scale."""
+    corners = [(-0.25, -0.25), (-0.25, 0.25), (0.30, 0.25), (0.30, -0.25), (-0.25, -0.25)]
+    outline = [pose.compose(Pose2(x, y, 0.0)) for x, y in corners]
+    axes.plot([p.x_m for p in outline], [p.y_m for p in outline], color="0.3", lw=1.0)
 
 
 def _shade_phases(record: DockingRecord, axes: Axes, origin_ns: int) -> None:

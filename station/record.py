@@ -17,8 +17,7 @@ from common.geometry import Array, Pose2, features_at, wrap_angle
 from common.messages import ArmState, Command, DockingState, Drives, Frame, LeaderState, Mission, Phase
 from common.timing import NS_PER_MS, NS_PER_S
 
-PICTURE_DISTANCE_M = 2.2
-_PICTURE_WINDOW_M = 1.5
+PICTURE_DISTANCE_M = 0.8
 
 
 @dataclass(frozen=True)

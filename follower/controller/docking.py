@@ -11,6 +11,7 @@ from common.geometry import Array, Pose2, features_at, move_relative
 from common.messages import DockingState, Mission
 from common.timing import NS_PER_MS, NS_PER_S
 from follower.controller.interface import Plan, PredictiveController, SpeedCaps
+from follower.motion import MotionDisturbance
 
 MAX_REPLAYED_PLANS = 2
 
@@ -40,11 +41,14 @@ class DockingController:
         self._replayed = 0
         self._last = (0.0, 0.0)
 
-    def step(self, now_ns: int, state: DockingState, mission: Mission | None) -> Twist:
-        """The twist to command now."""
+    def step(
+        self, now_ns: int, state: DockingState, mission: Mission | None, wheels: tuple[float, float] | None
+    ) -> Twist:
+        """The twist to command now; ``wheels`` is the one measured at the wheels, None if that is not known."""
         if mission is None or not mission.armed or mission.motion == "hold":
             self._plan = None
             self._last = (0.0, 0.0)
+            self._solver.reset()
             return ZERO
         if mission.motion == "straight":
             self._plan = None
@@ -52,28 +56,38 @@ class DockingController:
         elif not state.valid:
             twist = self._replay("state invalid")
         else:
-            twist = self._servo(now_ns, state, mission)
+            twist = self._servo(now_ns, state, mission, wheels)
         self._last = (twist.v_m_s, twist.w_rad_s)
         return twist
 
-    def _servo(self, now_ns: int, state: DockingState, mission: Mission) -> Twist:
+    def _servo(self, now_ns: int, state: DockingState, mission: Mission, wheels: tuple[float, float] | None) -> Twist:
         limits = self._config.limits
-        pose, features, theta_rad = self._at_effect(now_ns, state)
+        pose, features, theta_rad = self._at_effect(now_ns, state, wheels or self._last)
         caps = SpeedCaps(
             limits.v_min_m_s, min(limits.v_max_m_s, mission.v_max_m_s), min(limits.w_max_rad_s, mission.w_max_rad_s)
         )
         desired = np.array(mission.desired_features)
-        plan = self._solver.solve(pose, features, theta_rad, desired, mission.goal_theta_rad, self._last, caps)
+        plan = self._solver.solve(
+            pose,
+            features,
+            theta_rad,
+            desired,
+            mission.goal_theta_rad,
+            self._last,
+            caps,
+            MotionDisturbance(*state.disturbance),
+            wheels,
+        )
         if not plan.usable:
             return self._replay(plan.status.value)
         self._plan, self._replayed = plan, 0
         return Twist(*plan.first, "solved")
 
-    def _at_effect(self, now_ns: int, state: DockingState) -> tuple[Pose2, Array, float]:
-        """The filtered state moved on, by the last command, to when the next command takes effect."""
+    def _at_effect(self, now_ns: int, state: DockingState, twist: tuple[float, float]) -> tuple[Pose2, Array, float]:
+        """The filtered state moved on, with the present twist, to when the next command takes effect."""
         captured = Pose2(state.x_m, state.y_m, state.theta_rad)
         age_s = (now_ns - state.capture_ns + self._config.base.latency_ms * NS_PER_MS) / NS_PER_S
-        pose = move_relative(captured, *self._last, age_s)
+        pose = move_relative(captured, *twist, age_s)
         return pose, self._features(pose), pose.theta_rad
 
     def _features(self, pose: Pose2) -> Array:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
-from common.channels import COMMAND, DOCKING_STATE, MISSION
+from common.channels import COMMAND, DOCKING_STATE, DRIVES, MISSION
+from common.kinematics import twist_from_wheels
 from common.messages import Command, DockingState, seal_command
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_MS
@@ -20,12 +21,13 @@ class ControllerNode(Node):
     """Keeps the paper's node synchronisation: 60 Hz states, 20 Hz commands, each from its state."""
 
     name = "follower-controller"
-    inputs = (DOCKING_STATE, MISSION)
+    inputs = (DOCKING_STATE, MISSION, DRIVES)
     outputs = (COMMAND,)
     trigger = Trigger(wakes=(DOCKING_STATE,))
 
     def __init__(self, context: NodeContext) -> None:
         self._clock = context.clock
+        self._base = context.config.base
         self._solver = make_controller(context.config)
         self._controller = DockingController(context.config, self._solver)
         self._deadline_ns = round(context.config.controller.deadline_ms * NS_PER_MS)
@@ -45,7 +47,9 @@ class ControllerNode(Node):
         if 0 <= number - self._last_stepped < STATES_PER_COMMAND:
             return ()
         self._last_stepped = number
-        twist = self._controller.step(now_ns, received.message, inputs.fresh(MISSION, now_ns))
+        drives = inputs.fresh(DRIVES, now_ns)
+        wheels = twist_from_wheels(self._base, drives.wheel_speed_rad_s) if drives else None
+        twist = self._controller.step(now_ns, received.message, inputs.fresh(MISSION, now_ns), wheels)
         done_ns = self._clock.now_ns()
         if done_ns - now_ns > self._deadline_ns:
             _log.warning("a solve of %.0f ms is dropped", (done_ns - now_ns) / NS_PER_MS)

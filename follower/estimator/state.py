@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
+
 import numpy as np
 
 from common.config import Config
@@ -104,6 +106,7 @@ class StateEstimator:
             y_m=pose.y_m,
             theta_rad=pose.theta_rad,
             covariance=tuple(float(value) for value in self._observer.covariance.reshape(-1)),
+            disturbance=astuple(self._observer.disturbance),
             residual_px=detection.residual_px,
             spots=detection.spots,
             frames_seen=self._seen,
