@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ast
 import contextlib
-import copy
 import importlib
 import io
 import os
@@ -44,36 +43,40 @@ _ARITHMETIC: dict[type[ast.operator], type[ast.operator]] = {
 _CALLS = {"min": "max", "max": "min", "abs": "float"}
 
 
-def mutants(tree: ast.Module) -> Iterator[tuple[int, str, ast.Module]]:
-    """Line, description and tree of every mutant: operators, constants, conditions, calls, dropped statements."""
-    for position in range(len(list(ast.walk(tree)))):
+def mutants(tree: ast.Module) -> Iterator[tuple[int, str, str]]:
+    """Line, description and source of every mutant: operators, constants, conditions, calls, dropped statements."""
+    for node in list(ast.walk(tree)):
+        before = ast.unparse(node) if not isinstance(node, ast.Module) else ""
         for variant in range(4):
-            copied = copy.deepcopy(tree)
-            node = list(ast.walk(copied))[position]
-            before = ast.unparse(node)
-            if not _change(copied, node, variant):
-                break
-            yield getattr(node, "lineno", 0), f"{before}  →  {ast.unparse(node)}"[:150], _finished(copied)
-        yield from _without_statements(tree, position)
+            with _restored(node):
+                if not _change(tree, node, variant):
+                    break
+                ast.fix_missing_locations(tree)
+                yield getattr(node, "lineno", 0), f"{before}  →  {ast.unparse(node)}"[:150], ast.unparse(tree)
+        if not isinstance(node, ast.Module | ast.ClassDef):
+            yield from _without_statements(tree, node)
 
 
-def _without_statements(tree: ast.Module, position: int) -> Iterator[tuple[int, str, ast.Module]]:
+def _without_statements(tree: ast.Module, node: ast.AST) -> Iterator[tuple[int, str, str]]:
     """Statements with an effect are left out one at a time."""
-    node = list(ast.walk(tree))[position]
-    if isinstance(node, ast.Module | ast.ClassDef):
-        return
     for name in ("body", "orelse"):
         body = getattr(node, name, None)
-        for i, statement in enumerate(body if isinstance(body, list) else ()):
+        for i, statement in enumerate(list(body) if isinstance(body, list) else ()):
             call = isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Call)
             if call or isinstance(statement, ast.Assign | ast.AugAssign):
-                copied = copy.deepcopy(tree)
-                getattr(list(ast.walk(copied))[position], name)[i] = ast.Pass()
-                yield statement.lineno, f"without {ast.unparse(statement)}"[:150], _finished(copied)
+                with _restored(node):
+                    getattr(node, name)[i] = ast.Pass()
+                    yield statement.lineno, f"without {ast.unparse(statement)}"[:150], ast.unparse(tree)
 
 
-def _finished(tree: ast.Module) -> ast.Module:
-    return ast.fix_missing_locations(tree)
+@contextlib.contextmanager
+def _restored(node: ast.AST) -> Iterator[None]:
+    """Put the node back as it was, lists of children included."""
+    saved = {key: list(value) if isinstance(value, list) else value for key, value in vars(node).items()}
+    try:
+        yield
+    finally:
+        vars(node).update(saved)
 
 
 def _change(tree: ast.Module, node: ast.AST, variant: int) -> bool:
@@ -95,7 +98,7 @@ def _change(tree: ast.Module, node: ast.AST, variant: int) -> bool:
     if isinstance(node, ast.UnaryOp):
         return _unary(node)
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _CALLS:
-        node.func.id = _CALLS[node.func.id]
+        node.func = ast.Name(id=_CALLS[node.func.id], ctx=ast.Load())
         return True
     if isinstance(node, ast.IfExp | ast.If | ast.While):
         node.test = ast.Constant(value=False)
@@ -174,7 +177,7 @@ def main(arguments: Sequence[str]) -> int:
         tried += 1
         if tried % 50 == 0:
             sys.stderr.write(f"{tried} mutants, line {line}\n")
-        if not survives(ast.unparse(mutant), name, tests):
+        if not survives(mutant, name, tests):
             continue
         reason = EQUIVALENT.get((path.name, what), "")
         left += not reason

@@ -112,8 +112,8 @@ def _under_way() -> tuple[Gate, int, float, float]:
     gate, now_ns, last = Gate(LIMITS, BASE, BOOT), 10_000 * MS, (0.0, 0.0)
     first = seal_command(Command(0.3, 0.2, 1, 1, now_ns, now_ns + 1000 * MS, 1, now_ns))
     for n in range(12):
-        rims = (last[0] - last[1] / 4, last[0] + last[1] / 4)
-        status = WheelStatus(now_ns, *(rim / BASE.wheel_radius_m for rim in rims), True)
+        left, right = last[0] - last[1] / 4, last[0] + last[1] / 4
+        status = WheelStatus(now_ns, left / BASE.wheel_radius_m, right / BASE.wheel_radius_m, True)
         token = ArmToken(True, now_ns, BOOT, 1, "approach", 0.5, 0.6)
         decision = gate.step(now_ns, SignedCommand(first, 5, BOOT), token, status, StopInputs(True, True, True))
         last = (decision.v_m_s, decision.w_rad_s)
