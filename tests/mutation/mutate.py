@@ -22,6 +22,7 @@ import pytest
 from tests.mutation.equivalent import EQUIVALENT
 
 TIMEOUT_S = 60
+_QUICK = ("-x", "-q", "--assert=plain", "-p", "no:cacheprovider", "-c", os.devnull, f"--rootdir={Path.cwd()}")
 _COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE, ast.Gt),
     ast.LtE: (ast.Lt, ast.Gt),
@@ -45,7 +46,12 @@ _CALLS = {"min": "max", "max": "min", "abs": "float"}
 
 def mutants(tree: ast.Module) -> Iterator[tuple[int, str, str]]:
     """Line, description and source of every mutant: operators, constants, conditions, calls, dropped statements."""
+    decorators = {
+        part for node in ast.walk(tree) for each in getattr(node, "decorator_list", ()) for part in ast.walk(each)
+    }
     for node in list(ast.walk(tree)):
+        if node in decorators:
+            continue
         before = ast.unparse(node) if not isinstance(node, ast.Module) else ""
         for variant in range(4):
             with _restored(node):
@@ -155,7 +161,7 @@ def survives(source: str, name: str, tests: Sequence[str]) -> bool:
             module = types.ModuleType(name)
             sys.modules[name] = module
             exec(compile(source, name, "exec"), module.__dict__)
-            result = pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-p", "no:randomly", *tests])
+            result = pytest.main([*_QUICK, *tests])
         except BaseException:  # noqa: BLE001 - a mutant that cannot even be loaded is killed
             os._exit(1)
     os._exit(0 if result == pytest.ExitCode.OK else 1)
@@ -165,6 +171,7 @@ def main(arguments: Sequence[str]) -> int:
     """Mutate the module given first; the tests that must notice follow."""
     path, tests = Path(arguments[0]), list(arguments[1:])
     name = ".".join(path.with_suffix("").parts)
+    os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
     tree = ast.parse(path.read_text(encoding="utf-8"))
     for test in tests:
         importlib.import_module(".".join(Path(test).with_suffix("").parts))

@@ -40,7 +40,8 @@ class _DirectNetwork(canopen.Network):
 @pytest.fixture
 def master() -> Any:
     """Somebody else's CiA 402 master."""
-    node = BaseNode402(1, canopen.import_od(str(DRIVE_EDS), 1))
+    make_node: Any = BaseNode402
+    node = make_node(1, canopen.import_od(str(DRIVE_EDS), 1))
     network = _DirectNetwork(Drive402(WHEEL, DRIVE_EDS))
     network.add_node(node)
     node.drive = network.drive
@@ -87,7 +88,7 @@ def test_the_librarys_master_sets_modes(master: Any) -> None:
 
 
 # sent, answers; xx is a byte that the standard leaves to the maker
-TABLE = (
+TABLE: tuple[tuple[str, list[str]], ...] = (
     ("601 40 00 10 00 00 00 00 00", ["581 43 00 10 00 92 01 02 00"]),  # device type: drive with profile 402
     ("601 40 18 10 01 00 00 00 00", ["581 43 18 10 01 00 DA 00 00"]),  # vendor
     ("601 40 08 10 00 00 00 00 00", ["581 41 08 10 00 05 00 00 00"]),  # name: 5 bytes, segmented
