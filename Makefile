@@ -1,6 +1,6 @@
 # davpc: `make help` lists what there is.
 .DEFAULT_GOAL := help
-.PHONY: help setup sim test lint lock clean
+.PHONY: help setup sim test lint mutate prove lock clean
 
 VENV := .venv
 READY := $(VENV)/.ready
@@ -39,6 +39,12 @@ lint: $(READY) ## Format, lint, types, import rules
 	@echo "[lint] ruff"; $(VENV)/bin/ruff check --quiet .
 	@echo "[lint] types"; $(VENV)/bin/mypy --no-error-summary
 	@echo "[lint] import rules"; $(VENV)/bin/lint-imports > .venv/lint-imports.log || { cat .venv/lint-imports.log; exit 1; }
+
+mutate: $(READY) ## Mutation test of the gate: its tests must notice every change
+	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/gate.py tests/unit/test_gate.py
+
+prove: $(READY) ## The gate's invariants over a million random steps, a million mutated CAN frames
+	@GATE_STEPS=1000000 FUZZ_FRAMES=1000000 $(VENV)/bin/python -m pytest -q tests/unit/test_gate_properties.py tests/unit/test_canopen_fuzz.py
 
 lock: ## Refresh requirements.lock (needs uv)
 	uv pip compile --universal --generate-hashes --no-header --no-annotate --python-version 3.11 --extra dev --no-emit-package davpc -o requirements.lock pyproject.toml

@@ -53,7 +53,8 @@ PHASE_CAPS: Final[dict[Phase, PhaseCap]] = {
     "done": _STILL,
     "aborted": _STILL,
 }
-LATCHING: Final = frozenset({"second_writer", "measured_gap", "measured_jump"})
+LATCHING: Final = frozenset({"second_writer"})
+"""Reasons to drop a command that stop the wheels until the next epoch; so do measured_jump and measured_gap."""
 
 
 @dataclass(frozen=True)
@@ -156,10 +157,8 @@ class Gate:
         self._follow_epoch(token)
         dropped = self._take(newest, token)
         jump = self._jumped(status)
-        rule = self._stop_rule(now_ns, token, status, inputs) or jump
-        if dropped in LATCHING or rule in LATCHING:
-            self._latched = self._latched or (dropped if dropped in LATCHING else rule)
-        rule = rule or self._latched
+        self._latched = self._latched or jump or (dropped if dropped in LATCHING else "")
+        rule = self._stop_rule(now_ns, token, status, inputs) or self._latched
         clipped: list[str] = []
         v, w = 0.0, 0.0
         if not rule and self._held is not None and token is not None:

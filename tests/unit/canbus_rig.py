@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from common.canopen_frames import CanFrame
 from common.config import Config, default_config_path, load_config
 from common.timing import NS_PER_MS, SteppedClock
 from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.measurement import DriveSetpoint, Measurement
 from sim.can_nodes import FollowerBus, LeaderBus
-from sim.stepped_bus import SteppedChannel
+from sim.stepped_bus import SteppedBus, SteppedChannel
 
 CONFIG_PATH: Path = default_config_path()
 DRIVE_EDS = CONFIG_PATH.parent / "davpc-drive-402.eds"
@@ -104,4 +104,29 @@ def rim_speed(metres_per_second: float, config: Config) -> DriveSetpoint:
     return DriveSetpoint(left_rad_s=wheel, right_rad_s=wheel)
 
 
-TURN = 2 * math.pi
+class Tap:
+    """Another client of a stepped channel: every frame on the bus, with its time."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self._bus = SteppedBus(rig.channel.name)
+        self.frames: list[tuple[int, CanFrame]] = []
+
+    def read(self) -> list[tuple[int, CanFrame]]:
+        """What went over the bus since the last call, stamped with the time of this one."""
+        fresh = [(self._rig.clock.now_ns(), frame) for frame in self._bus.inbox]
+        self._bus.inbox.clear()
+        self.frames += fresh
+        return fresh
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._bus.shutdown()
+
+
+def is_stop(frame: CanFrame, node_id: int) -> bool:
+    """An RPDO that tells this wheel to quick-stop or to go at zero."""
+    if frame.can_id != 0x200 + node_id:
+        return False
+    word, velocity = int.from_bytes(frame.data[:2], "little"), int.from_bytes(frame.data[2:], "little")
+    return velocity == 0 or word & 0x04 == 0

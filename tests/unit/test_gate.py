@@ -1,24 +1,49 @@
-"""The gate's rules, one by one."""
+"""The gate's rules, one by one, each at its edge."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from common.messages import Command, seal_command
-from common.timing import NS_PER_MS
-from follower.can_bridge.gate import ArmToken, Decision, Gate, SignedCommand, StopInputs, WheelStatus
-from tests.unit.canbus_rig import stepped_config
+from common.config import BaseConfig, LimitsConfig
+from common.messages import PHASES, Command, seal_command
+from follower.can_bridge.gate import (
+    HARD_ACCELERATION_M_S2,
+    HARD_ANGULAR_ACCELERATION_RAD_S2,
+    HARD_V_MAX_M_S,
+    HARD_V_MIN_M_S,
+    HARD_W_MAX_RAD_S,
+    PHASE_CAPS,
+    ArmToken,
+    Decision,
+    Gate,
+    SignedCommand,
+    StopInputs,
+    WheelStatus,
+)
 
-CONFIG = stepped_config()
+MS = 1_000_000
 BOOT = "boot"
-T0 = 10_000 * NS_PER_MS
+T0 = 10_000 * MS
+RADIUS, TRACK = 0.085, 0.5
+BASE = BaseConfig(wheel_radius_m=RADIUS, track_m=TRACK, latency_ms=20.0)
+LIMITS = LimitsConfig(
+    v_min_m_s=-0.1,
+    v_max_m_s=0.5,
+    w_max_rad_s=0.6,
+    controller_dv_m_s=0.02,
+    controller_dw_rad_s=0.08,
+    gate_acceleration_m_s2=0.5,
+    gate_angular_acceleration_rad_s2=2.0,
+)
 CLEAR = StopInputs(fresh=True, estop_clear=True, protective_clear=True)
 
 
 def command(v: float = 0.3, w: float = 0.0, sequence: int = 1, stamp_ns: int = T0, epoch: int = 7) -> Command:
-    return seal_command(Command(v, w, epoch, sequence, stamp_ns, stamp_ns + 120 * NS_PER_MS, 1, stamp_ns))
+    return seal_command(Command(v, w, epoch, sequence, stamp_ns, stamp_ns + 500 * MS, 1, stamp_ns))
 
 
 def signed(sealed: Command, run_id: int = 5, boot_id: str = BOOT) -> SignedCommand:
@@ -26,57 +51,71 @@ def signed(sealed: Command, run_id: int = 5, boot_id: str = BOOT) -> SignedComma
 
 
 def token(stamp_ns: int = T0, **changes: Any) -> ArmToken:
-    fields: dict[str, Any] = {
-        "armed": True,
-        "stamp_ns": stamp_ns,
-        "boot_id": BOOT,
-        "epoch": 7,
-        "phase": "approach",
-        "v_max_m_s": 0.5,
-        "w_max_rad_s": 0.6,
-    }
-    return ArmToken(**{**fields, **changes})
+    return replace(ArmToken(True, stamp_ns, BOOT, 7, "approach", 0.5, 0.6), **changes)
 
 
-def wheels(v: float, now_ns: int, enabled: bool = True) -> WheelStatus:
-    speed = v / CONFIG.base.wheel_radius_m
-    return WheelStatus(now_ns, speed, speed, enabled)
+def wheels(v: float, now_ns: int, w: float = 0.0, enabled: bool = True) -> WheelStatus:
+    turn = w * TRACK / 2
+    return WheelStatus(now_ns, (v - turn) / RADIUS, (v + turn) / RADIUS, enabled)
 
 
 class Bench:
     """A gate stepped at 100 Hz; wheels follow at once."""
 
-    def __init__(self) -> None:
-        self.gate = Gate(CONFIG.limits, CONFIG.base, BOOT)
+    def __init__(self, limits: LimitsConfig = LIMITS, **standing: Any) -> None:
+        self.gate = Gate(limits, BASE, BOOT)
         self.now_ns = T0
-        self.v = 0.0
+        self.v = self.w = 0.0
+        self.sequence = 0
+        self.standing = standing
 
-    def step(self, newest: SignedCommand | None = None, **given: Any) -> Decision:
+    def step(self, newest: SignedCommand | None = None, period_ms: float = 10.0, **given: Any) -> Decision:
         inputs = {
-            "token": token(self.now_ns),
-            "status": wheels(self.v, self.now_ns),
+            "token": token(self.now_ns, **self.standing),
+            "status": wheels(self.v, self.now_ns, self.w),
             "inputs": CLEAR,
             **given,
         }
         decision = self.gate.step(self.now_ns, newest, **inputs)
-        self.v = decision.v_m_s
-        self.now_ns += 10 * NS_PER_MS
+        self.v, self.w = decision.v_m_s, decision.w_rad_s
+        self.now_ns += round(period_ms * MS)
         return decision
 
-    def drive(self, v: float, steps: int, w: float = 0.0, first: int = 1) -> Decision:
-        for n in range(steps):
-            decision = self.step(signed(command(v, w, first + n, self.now_ns)))
-        return decision
+    def order(self, v: float, w: float = 0.0, **given: Any) -> Decision:
+        """One step with a new command."""
+        self.sequence += 1
+        return self.step(signed(command(v, w, self.sequence, self.now_ns)), **given)
+
+    def drive(self, v: float, w: float = 0.0, steps: int = 100) -> Decision:
+        for _ in range(steps - 1):
+            self.order(v, w)
+        return self.order(v, w)
 
 
 def test_ramps_up_to_the_command_and_follows_it() -> None:
     bench = Bench()
-    first = bench.drive(0.3, 2)
-    assert first.v_m_s == pytest.approx(0.005)
-    assert first.clipped == ("rate",)
-    last = bench.drive(0.3, 80, first=3)
-    assert (last.v_m_s, last.rule, last.clipped) == (0.3, "", ())
-    assert last.sequence == 82
+    first = bench.order(0.3)
+    assert (first.v_m_s, first.rule, first.clipped) == (0.0, "", ("rate",))
+    second = bench.order(0.3)
+    assert second.v_m_s == pytest.approx(0.005)
+    last = bench.drive(0.3, steps=80)
+    assert (last.v_m_s, last.rule, last.clipped, last.dropped, last.sequence) == (0.3, "", (), "", 82)
+
+
+def test_turns_at_its_own_rate() -> None:
+    bench = Bench()
+    bench.order(0.0, 0.5)
+    assert bench.order(0.0, 0.5).w_rad_s == pytest.approx(0.02)
+    assert bench.drive(0.0, 0.5, steps=40).w_rad_s == 0.5
+    assert bench.order(0.0, -0.5).w_rad_s == pytest.approx(0.48)
+
+
+def test_both_grow_together() -> None:
+    bench = Bench()
+    bench.order(0.4, 0.1)
+    for _ in range(20):
+        decision = bench.order(0.4, 0.1)
+        assert decision.w_rad_s == pytest.approx(decision.v_m_s / 4)
 
 
 @pytest.mark.parametrize(
@@ -88,77 +127,399 @@ def test_ramps_up_to_the_command_and_follows_it() -> None:
         ("not_armed", {"token": None}),
         ("not_armed", {"token": token(armed=False)}),
         ("not_armed", {"token": token(boot_id="other")}),
-        ("token_age", {"token": token(T0 - 1000 * NS_PER_MS)}),
-        ("status_age", {"status": wheels(0.1, T0 - 1000 * NS_PER_MS)}),
-        ("status_age", {"status": wheels(0.1, -1)}),
-        ("not_enabled", {"status": wheels(0.25, T0 + 800 * NS_PER_MS, enabled=False)}),
+        ("token_caps", {"token": token(T0 + 1000 * MS, v_max_m_s=math.nan)}),
+        ("token_caps", {"token": token(T0 + 1000 * MS, w_max_rad_s=math.nan)}),
+        ("token_caps", {"token": token(T0 + 1000 * MS, v_max_m_s=-0.1)}),
+        ("token_caps", {"token": token(T0 + 1000 * MS, w_max_rad_s=-0.1)}),
+        ("status_age", {"status": wheels(0.3, -1)}),
+        ("not_enabled", {"status": wheels(0.3, T0 + 1000 * MS, enabled=False)}),
+        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, math.nan, 3.5, True)}),
+        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, math.inf, True)}),
     ],
 )
 def test_stops_at_once(rule: str, given: dict[str, Any]) -> None:
     bench = Bench()
-    assert bench.drive(0.3, 80).v_m_s == 0.3
-    decision = bench.step(None, **given)
+    assert bench.drive(0.3).v_m_s == 0.3
+    decision = bench.step(**given)
     assert (decision.v_m_s, decision.w_rad_s, decision.rule) == (0.0, 0.0, rule)
 
 
-def test_holds_a_command_for_120_ms_only() -> None:
+def test_a_cap_of_zero_is_a_cap() -> None:
+    bench = Bench(v_max_m_s=0.0, w_max_rad_s=0.0)
+    decision = bench.drive(0.3, 0.3)
+    assert (decision.v_m_s, decision.w_rad_s, decision.rule) == (0.0, 0.0, "")
+
+
+@pytest.mark.parametrize(
+    ("rule", "limit_ms"), [("command_age", 120), ("token_age", 200), ("status_age", 50), ("valid_until", 60)]
+)
+@pytest.mark.parametrize("beyond_ns", [0, 1])
+def test_ages_to_the_nanosecond(rule: str, limit_ms: int, beyond_ns: int) -> None:
     bench = Bench()
-    bench.drive(0.3, 80)
-    for _ in range(11):
-        assert bench.step().v_m_s == 0.3
-    assert bench.step().rule == ""
-    assert bench.step().rule == "command_age"
+    bench.drive(0.2)
+    now_ns = bench.now_ns
+    old_ns = now_ns - limit_ms * MS - beyond_ns
+    fresh = command(0.2, sequence=200, stamp_ns=now_ns)
+    given: dict[str, Any] = {}
+    if rule == "command_age":
+        fresh = command(0.2, sequence=200, stamp_ns=old_ns)
+    elif rule == "valid_until":
+        fresh = seal_command(replace(fresh, valid_until_ns=now_ns - beyond_ns))
+    elif rule == "token_age":
+        given["token"] = token(old_ns)
+    else:
+        given["status"] = wheels(0.2, old_ns)
+    decision = bench.step(signed(fresh), **given)
+    assert decision.rule == (rule if beyond_ns else "")
+    assert decision.v_m_s == pytest.approx(0.0 if beyond_ns else 0.2)
+
+
+@pytest.mark.parametrize("rule", ["command_age", "token_age", "status_age"])
+def test_a_stamp_from_the_future_is_not_fresh(rule: str) -> None:
+    bench = Bench()
+    bench.drive(0.2)
+    future_ns = bench.now_ns + 1
+    newest = signed(command(0.2, sequence=200, stamp_ns=future_ns if rule == "command_age" else bench.now_ns))
+    given: dict[str, Any] = {}
+    if rule == "token_age":
+        given["token"] = token(future_ns)
+    elif rule == "status_age":
+        given["status"] = wheels(0.2, future_ns)
+    assert bench.step(newest, **given).rule == rule
+
+
+def test_status_of_time_zero_is_a_status() -> None:
+    gate = Gate(LIMITS, BASE, BOOT)
+    first = command(0.2, stamp_ns=0)
+    for now_ns in (0, 10 * MS):
+        decision = gate.step(now_ns, signed(first), token(0), wheels(0.0, 0), CLEAR)
+    assert decision.rule == ""
+    assert decision.v_m_s > 0.0
+
+
+def test_nothing_moves_before_a_command_and_after_disarming() -> None:
+    bench = Bench()
+    assert bench.step().rule == "no_command"
+    bench.drive(0.3)
+    assert bench.step(token=token(bench.now_ns, armed=False)).rule == "not_armed"
+    again = bench.step()
+    assert again.rule == ""
+    assert again.v_m_s == pytest.approx(0.005)
+
+
+def tampered(**changes: Any) -> Command:
+    """A command whose fields were changed after it was sealed."""
+    changed = command(sequence=99)
+    for name, value in changes.items():
+        object.__setattr__(changed, name, value)
+    return changed
 
 
 @pytest.mark.parametrize(
     ("reason", "bad"),
     [
-        ("checksum", signed(Command(0.3, 0.0, 7, 99, T0, T0, 1, T0))),
+        ("checksum", signed(tampered(v_m_s=0.31))),
+        ("not_finite", signed(tampered(v_m_s=math.nan))),
+        ("not_finite", signed(tampered(w_rad_s=math.inf))),
         ("boot", signed(command(sequence=99), boot_id="old")),
         ("epoch", signed(command(sequence=99, epoch=6))),
+        ("epoch", signed(command(sequence=99, epoch=8))),
+        ("sequence", signed(command(sequence=100))),
         ("sequence", signed(command(sequence=3))),
-        ("second_writer", signed(command(sequence=99), run_id=6)),
+        ("second_writer", signed(command(sequence=199), run_id=6)),
     ],
 )
 def test_drops_what_is_not_genuine(reason: str, bad: SignedCommand) -> None:
     bench = Bench()
-    bench.drive(0.3, 10)
+    bench.drive(0.3)
     decision = bench.step(bad)
-    assert decision.dropped == reason
-    assert decision.sequence == 10
+    assert (decision.dropped, decision.sequence) == (reason, 100)
+    assert bench.step().v_m_s == (0.0 if reason == "second_writer" else 0.3)
 
 
-def test_a_second_writer_stops_until_the_next_epoch() -> None:
+def test_a_command_before_arming_is_dropped() -> None:
     bench = Bench()
-    bench.drive(0.3, 10)
-    bench.step(signed(command(sequence=50, stamp_ns=bench.now_ns), run_id=6))
-    assert bench.step(signed(command(sequence=51, stamp_ns=bench.now_ns))).rule == "second_writer"
-    fresh = token(bench.now_ns, epoch=8)
-    decision = bench.step(signed(command(sequence=1, stamp_ns=bench.now_ns, epoch=8), run_id=6), token=fresh)
-    assert decision.rule == ""
+    early = signed(command(stamp_ns=bench.now_ns))
+    assert bench.step(early, token=None).dropped == "not_armed"
+    assert bench.step(early, token=token(bench.now_ns, armed=False)).dropped == "not_armed"
+    assert bench.step(early).dropped == ""
 
 
-def test_caps_keep_the_curvature() -> None:
+def test_the_same_command_again_is_not_a_new_one() -> None:
     bench = Bench()
-    for n in range(200):
-        given = token(bench.now_ns, v_max_m_s=0.1)
-        decision = bench.step(signed(command(0.4, 0.2, n, bench.now_ns)), token=given)
+    held = signed(command(0.1, sequence=4, stamp_ns=bench.now_ns))
+    for _ in range(12):
+        decision = bench.step(held)
+        assert (decision.dropped, decision.rule, decision.sequence) == ("", "", 4)
+
+
+def test_the_first_sequence_may_be_zero_and_each_epoch_counts_anew() -> None:
+    bench = Bench()
+    assert bench.step(signed(command(0.3, sequence=0, stamp_ns=bench.now_ns))).sequence == 0
+    bench.step(signed(command(0.3, sequence=50, stamp_ns=bench.now_ns)))
+    renewed = bench.step(token=token(bench.now_ns, epoch=8))
+    assert (renewed.rule, renewed.sequence, renewed.v_m_s) == ("no_command", -1, 0.0)
+    other = signed(command(0.3, sequence=0, stamp_ns=bench.now_ns, epoch=8), run_id=6)
+    accepted = bench.step(other, token=token(bench.now_ns, epoch=8))
+    assert (accepted.rule, accepted.dropped, accepted.sequence) == ("", "", 0)
+
+
+def test_an_epoch_of_zero_is_an_epoch() -> None:
+    bench = Bench(epoch=0)
+    bench.step(signed(command(0.1, sequence=5, stamp_ns=bench.now_ns, epoch=0)))
+    later = signed(command(0.1, sequence=4, stamp_ns=bench.now_ns, epoch=0))
+    assert bench.step(later).dropped == "sequence"
+
+
+@pytest.mark.parametrize("rule", ["second_writer", "measured_jump", "measured_gap"])
+def test_latches_until_the_next_epoch(rule: str) -> None:
+    bench = Bench()
+    bench.drive(0.3)
+    if rule == "second_writer":
+        found = bench.step(signed(command(sequence=500, stamp_ns=bench.now_ns), run_id=6))
+    elif rule == "measured_jump":
+        found = bench.step(status=wheels(-0.1, bench.now_ns))
+    else:
+        for v in (0.2, 0.1, 0.05):
+            found = bench.order(0.3, status=wheels(v, bench.now_ns))
+    assert (found.rule, found.v_m_s, found.w_rad_s) == (rule, 0.0, 0.0)
+    for _ in range(3):
+        assert bench.order(0.3).rule == rule
+    assert bench.step(token=None).rule == "not_armed"
+    assert bench.order(0.3).rule == rule
+    bench.standing = {"epoch": 8}
+    fresh = signed(command(sequence=1, stamp_ns=bench.now_ns, epoch=8), run_id=6)
+    assert bench.step(fresh).rule == ""
+
+
+def test_a_jump_before_the_first_mission_latches_until_it() -> None:
+    bench = Bench()
+    assert bench.step(token=None, status=WheelStatus(T0, math.nan, 0.0, True)).rule == "not_armed"
+    assert bench.order(0.3).rule == ""
+
+
+def test_a_jump_under_a_stop_input_is_not_forgotten() -> None:
+    bench = Bench()
+    bench.drive(0.3)
+    pressed = StopInputs(True, False, True)
+    assert bench.step(inputs=pressed, status=wheels(-0.1, bench.now_ns)).rule == "stop_input"
+    assert bench.order(0.3).rule == "measured_jump"
+
+
+def test_the_first_latched_rule_is_the_one_that_is_told() -> None:
+    bench = Bench()
+    bench.drive(0.3)
+    bench.step(signed(command(sequence=500, stamp_ns=bench.now_ns), run_id=6))
+    bench.step(status=WheelStatus(bench.now_ns, math.nan, 0.0, True))
+    bench.step()
+    assert bench.step().rule == "second_writer"
+
+
+@pytest.mark.parametrize("beyond", [-1e-6, 1e-6])
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_an_encoder_jump_stops_it(beyond: float, side: int, direction: float) -> None:
+    bench = Bench()
+    bench.drive(0.2)
+    rims = [0.2, 0.2]
+    rims[side] += direction * (0.30 + beyond)
+    decision = bench.step(status=WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True))
+    assert (decision.rule == "measured_jump") == (beyond > 0)
+
+
+def test_a_jump_counts_only_between_two_recent_measurements() -> None:
+    bench = Bench()
+    bench.step(status=wheels(0.0, -1))
+    assert bench.order(0.1, status=wheels(0.5, bench.now_ns)).rule == ""
+    before_ns = bench.now_ns - 10 * MS
+    for gap_ms, rule in ((50, "measured_jump"), (51, "")):
+        gate = Gate(LIMITS, BASE, BOOT)
+        gate.step(before_ns, None, token(before_ns), wheels(0.0, before_ns), CLEAR)
+        now_ns = before_ns + gap_ms * MS
+        newest = signed(command(stamp_ns=now_ns))
+        assert gate.step(now_ns, newest, token(now_ns), wheels(0.5, now_ns), CLEAR).rule == rule
+
+
+def test_a_jump_to_never_measured_is_an_old_status() -> None:
+    bench = Bench()
+    bench.drive(0.2)
+    assert bench.step(status=wheels(0.9, -1)).rule == "status_age"
+    assert bench.order(0.2).rule == ""
+
+
+@pytest.mark.parametrize("beyond", [-1e-6, 1e-6])
+@pytest.mark.parametrize(("v", "w"), [(0.3, 0.0), (-0.1, 0.0), (0.1, 0.6), (0.1, -0.6)])
+@pytest.mark.parametrize("side", [0, 1])
+def test_wheels_that_do_not_follow_stop_it(v: float, w: float, side: int, beyond: float) -> None:
+    bench = Bench(replace_limits(w_max_rad_s=0.8), w_max_rad_s=0.8)
+    bench.drive(v, w)
+    turn = w * TRACK / 2
+    rims = [v - turn, v + turn]
+    set_rim = rims[side]
+    rims[side] -= math.copysign(0.15 + 0.2 * abs(set_rim) + beyond, set_rim)
+    decision = bench.order(v, w, status=WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True))
+    assert (decision.rule == "measured_gap") == (beyond > 0)
+
+
+def test_wheels_that_run_ahead_of_a_slower_setpoint_do_not_stop_it() -> None:
+    bench = Bench()
+    bench.drive(0.2)
+    for ahead in (0.4, -0.4 + 0.6):
+        assert bench.order(0.2, status=wheels(ahead, bench.now_ns)).rule == ""
+    bench = Bench()
+    assert bench.order(0.0, status=wheels(0.5, bench.now_ns)).rule == ""
+    assert bench.order(0.0, status=wheels(0.5, bench.now_ns)).rule == ""
+    assert bench.order(-0.0, status=wheels(0.3, bench.now_ns)).rule == ""
+
+
+def test_a_cap_scales_both_and_keeps_the_curvature() -> None:
+    bench = Bench(v_max_m_s=0.1)
+    decision = bench.drive(0.4, 0.2)
     assert decision.v_m_s == pytest.approx(0.1)
     assert decision.w_rad_s == pytest.approx(0.05)
     assert decision.clipped == ("cap",)
 
 
-def test_wheels_that_do_not_follow_stop_it() -> None:
+def test_a_lowered_cap_holds_at_once() -> None:
     bench = Bench()
-    for n in range(60):
-        still = wheels(0.0, bench.now_ns)
-        decision = bench.step(signed(command(0.5, 0.0, n, bench.now_ns)), status=still)
-    assert decision.rule == "measured_gap"
-    assert decision.v_m_s == 0.0
+    bench.drive(0.4, 0.2)
+    bench.standing = {"v_max_m_s": 0.1}
+    decision = bench.order(0.4, 0.2)
+    assert decision.v_m_s == pytest.approx(0.1)
+    assert decision.w_rad_s == pytest.approx(0.05)
+    assert decision.clipped == ("cap", "rate")
 
 
-def test_an_encoder_jump_stops_it() -> None:
+def replace_limits(**changes: float) -> LimitsConfig:
+    return LIMITS.model_copy(update=changes)
+
+
+@pytest.mark.parametrize(
+    ("v", "w", "cap", "expected"),
+    [
+        (9.0, 0.0, {}, (0.5, 0.0)),
+        (-9.0, 0.0, {}, (-0.1, 0.0)),
+        (0.0, 9.0, {}, (0.0, 0.6)),
+        (0.0, -9.0, {}, (0.0, -0.6)),
+        (0.0, 9.0, {"w_max_rad_s": 0.2}, (0.0, 0.2)),
+        (-9.0, 0.0, {"v_max_m_s": 0.05}, (-0.05, 0.0)),
+        (0.5, 0.6, {}, (0.5 * 0.6 / 0.65, 0.6 * 0.6 / 0.65)),
+        (0.5, -0.6, {}, (0.5 * 0.6 / 0.65, -0.6 * 0.6 / 0.65)),
+    ],
+)
+def test_caps_of_configuration_mission_and_rim(
+    v: float, w: float, cap: dict[str, Any], expected: tuple[float, float]
+) -> None:
+    decision = Bench(**cap).drive(v, w, steps=300)
+    assert (decision.v_m_s, decision.w_rad_s) == pytest.approx(expected)
+
+
+def test_constants_in_code_stand_above_the_configuration() -> None:
+    assert (HARD_V_MAX_M_S, HARD_V_MIN_M_S, HARD_W_MAX_RAD_S) == (0.6, -0.2, 0.8)
+    assert (HARD_ACCELERATION_M_S2, HARD_ANGULAR_ACCELERATION_RAD_S2) == (0.6, 2.5)
+    loose = LIMITS.model_copy(
+        update={
+            "v_max_m_s": 5.0,
+            "v_min_m_s": -5.0,
+            "w_max_rad_s": 5.0,
+            "gate_acceleration_m_s2": 50.0,
+            "gate_angular_acceleration_rad_s2": 50.0,
+        }
+    )
+    far = {"v_max_m_s": 9.0, "w_max_rad_s": 9.0}
+    bench = Bench(loose, **far)
+    bench.order(9.0)
+    assert bench.order(9.0).v_m_s == pytest.approx(0.006)
+    assert bench.drive(9.0, steps=200).v_m_s == pytest.approx(0.6)
+    assert Bench(loose, **far).drive(-9.0, steps=200).v_m_s == pytest.approx(-0.2)
+    turning = Bench(loose, **far)
+    turning.order(0.0, 9.0)
+    assert turning.order(0.0, 9.0).w_rad_s == pytest.approx(0.025)
+    assert turning.drive(0.0, 9.0, steps=200).w_rad_s == pytest.approx(0.8)
+
+
+EXPECTED_CAPS = {
+    "acquire": (0.10, 0.30, 0.15),
+    "approach": (0.60, 0.80, 0.60),
+    "push": (0.05, 0.20, 0.08),
+    "lock": (0.05, 0.10, 0.06),
+    "retract": (0.10, 0.30, 0.15),
+}
+
+
+@pytest.mark.parametrize("phase", PHASES)
+def test_each_phase_has_its_cap(phase: str) -> None:
+    cap = next(cap for name, cap in PHASE_CAPS.items() if name == phase)
+    assert (cap.v_m_s, cap.w_rad_s, cap.wheel_m_s) == EXPECTED_CAPS.get(phase, (0.0, 0.0, 0.0))
+    loose = {"v_max_m_s": 9.0, "w_max_rad_s": 9.0, "phase": phase}
+    wide = replace_limits(v_max_m_s=0.6, w_max_rad_s=0.8)
+    assert Bench(wide, **loose).drive(9.0, steps=200).v_m_s == pytest.approx(cap.v_m_s)
+    assert Bench(wide, **loose).drive(0.0, 9.0, steps=200).w_rad_s == pytest.approx(cap.w_rad_s)
+    both = Bench(wide, **loose).drive(cap.v_m_s, cap.w_rad_s, steps=200)
+    rim = abs(both.v_m_s) + abs(both.w_rad_s) * TRACK / 2
+    assert rim == pytest.approx(min(cap.wheel_m_s, cap.v_m_s + cap.w_rad_s * TRACK / 2))
+
+
+def test_an_unknown_phase_stands_still() -> None:
+    assert Bench(phase="party").drive(0.3).v_m_s == 0.0
+
+
+def test_a_stall_earns_no_larger_step() -> None:
     bench = Bench()
-    bench.drive(0.2, 60)
-    decision = bench.step(status=wheels(-0.2, bench.now_ns))
-    assert decision.rule == "measured_jump"
+    bench.order(0.3)
+    bench.order(0.3, period_ms=15.0)
+    assert bench.order(0.3, period_ms=3000.0).v_m_s == pytest.approx(0.005 + 0.0075)
+    assert bench.order(0.3).v_m_s == pytest.approx(0.0125 + 0.01)
+
+
+def test_a_clock_that_goes_back_earns_no_step() -> None:
+    bench = Bench()
+    bench.order(0.3)
+    bench.order(0.3, period_ms=-1.0)
+    assert bench.order(0.3, status=wheels(0.0, bench.now_ns)).v_m_s == pytest.approx(0.005)
+
+
+@pytest.mark.parametrize(
+    ("v", "w", "reach"), [(0.5, 0.0, 0.125), (-0.1, 0.0, 0.06), (0.0, 0.6, 0.5), (0.0, -0.6, 0.5)]
+)
+def test_the_window_holds_when_time_itself_is_wrong(v: float, w: float, reach: float) -> None:
+    """A clock that swings to and fro earns rate for nothing; 250 real ms earn no more than they should."""
+    limits = replace_limits(gate_acceleration_m_s2=0.24) if v < 0 else LIMITS
+    bench = Bench(limits)
+    clipped: set[str] = set()
+    for n in range(100):
+        decision = bench.order(v, w, period_ms=10.0 if n % 2 else -10.0)
+        clipped.update(decision.clipped)
+    assert abs(decision.v_m_s) + abs(decision.w_rad_s) == pytest.approx(reach)
+    assert "window" in clipped
+
+
+def test_the_window_slides_and_forgets() -> None:
+    bench = Bench()
+    for n in range(100):
+        bench.order(0.5, period_ms=10.0 if n % 2 else -10.0)
+    assert bench.v == pytest.approx(0.125)
+    swung_ns = bench.now_ns
+    bench.now_ns = swung_ns + 250 * MS
+    assert bench.order(0.5).clipped == ("rate", "window")
+    bench.now_ns = swung_ns + 250 * MS + 20 * MS
+    assert "window" not in bench.order(0.5).clipped
+
+
+def test_slowing_down_is_free_in_the_window_and_reversing_is_not() -> None:
+    bench = Bench()
+    bench.drive(0.5)
+    bench.step(token=None, status=wheels(0.5, bench.now_ns))
+    ramped = [bench.order(0.5, status=wheels(0.5 - 0.005 * n, bench.now_ns)).v_m_s for n in range(10)]
+    assert ramped[-1] == pytest.approx(0.05)
+    bench = Bench()
+    bench.drive(0.3)
+    assert bench.drive(0.0, steps=70).v_m_s == 0.0
+    assert bench.drive(-0.1, steps=30).v_m_s == pytest.approx(-0.1)
+
+
+def test_decision_keeps_no_memory_of_old_windows() -> None:
+    gate = Gate(LIMITS, BASE, BOOT)
+    for n in range(400):
+        gate.step(T0, signed(command(0.3, sequence=n)), token(), wheels(0.0, T0), CLEAR)
+    assert len(gate._window) <= 128
