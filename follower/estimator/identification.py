@@ -29,7 +29,7 @@ _MAX_PITCH = 0.05
 _MAX_ROLL = 0.05
 _TRIALS = 3000
 _FITTED = 24
-_MASS_RATIO = 12.0
+_MASS_RATIO = 5.0
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from common.geometry import Array, Pose2, wrap_angle
 
 _NEAREST_M = 0.05
-_CONVERGED = 1e-6
+_CONVERGED = 1e-4
 _MAX_STEP = np.array([1.5, 1.5, 0.5, 0.1, 0.1])
 
 
@@ -83,7 +83,7 @@ def fit(model: FitModel, features: Array, start: Array, iterations: int = 6) -> 
         model: array, camera and weights.
         features: (K, n, 2) normalised, NaN where a LED is not seen.
         start: (K, 5) initial states.
-        iterations: Gauss–Newton steps; it ends earlier when every step is below 1e-6.
+        iterations: Gauss–Newton steps; it ends earlier when a step is below 1e-4: the next would not show.
     """
     states = start.astype(np.float64, copy=True)
     seen = np.isfinite(features[:, :, 0])

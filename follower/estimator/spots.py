@@ -89,6 +89,12 @@ def find_spots_near(image: Image, centres: Array, half_px: int, rule: SpotRule) 
     return _gather(rows)
 
 
+def background(image: Image) -> tuple[float, float]:
+    """Median grey level of a sparse sample, and the saturated part of it, 0 … 1."""
+    sample = image[16::32, 16::32].ravel()
+    return float(np.partition(sample, sample.size // 2)[sample.size // 2]), float((sample >= SATURATED).mean())
+
+
 def brightest(spots: Spots, count: int) -> Spots:
     """The ``count`` spots of the greatest mass, in their order."""
     if len(spots) <= count:
