@@ -21,7 +21,8 @@ from follower.estimator.homography import array_normal, theta_from_homography
 from follower.estimator.identification import Failure, Identifier, Limits, Match
 from follower.estimator.image_health import ImageHealth
 from follower.estimator.lens import Lens
-from follower.estimator.planar_fit import FitModel, PlanarFit, fit_one
+from follower.estimator.planar_fit import FitModel
+from follower.estimator.single_fit import PlanarFit, fit_one
 from follower.estimator.spots import SpotRule, Spots, brightest, find_spots, find_spots_near
 from follower.estimator.tracking import ArrayTracker, Followed, nearest_within, predict_features, predict_state
 
@@ -178,7 +179,7 @@ class Perception:
             found = self._tracker.follow(image, rule, state, track.mass, track.unseen_frames)
         if isinstance(found, Followed):
             self._track = _Track(
-                nothing.capture_ns, _state(found.fitted), found.features, found.mass, max(track.to_confirm - 1, 0)
+                nothing.capture_ns, found.fitted.state, found.features, found.mass, max(track.to_confirm - 1, 0)
             )
             return self._report(nothing, found, confirmed=track.to_confirm <= 1)
         return self._coasted(image, rule, nothing, track, state, found)
@@ -234,7 +235,7 @@ class Perception:
         to_confirm = _CONFIRM_PARTIAL if partial else _CONFIRM_FULL
         if self._settings.method == "paper":
             to_confirm = 0
-        self._track = _Track(nothing.capture_ns, _state(found.fitted), found.features, found.mass, to_confirm)
+        self._track = _Track(nothing.capture_ns, found.fitted.state, found.features, found.mass, to_confirm)
         return self._report(nothing, found, confirmed=to_confirm == 0)
 
     def _taken(self, spots: Spots, chosen: list[int], start: Array) -> Followed | None:
@@ -264,7 +265,3 @@ class Perception:
             covariance=fitted.covariance,
             residual_px=self._residual_px(fitted),
         )
-
-
-def _state(fitted: PlanarFit) -> Array:
-    return np.array([*fitted.pose.as_array(), fitted.pitch_rad, fitted.roll_rad])

@@ -2,7 +2,8 @@
 
 Model: eq. (featurepoint), then the camera's own tilt away from its mounting, then eq. (depthscale). A planar
 fit without the tilt takes 0.3° of pitch for tens of centimetres of distance; with it as a state under a prior
-the same pitch costs a few. Many hypotheses are fitted at once: identification needs it, tracking fits one.
+the same pitch costs a few. Many hypotheses are fitted at once, as identification needs it;
+:mod:`follower.estimator.single_fit` does the same for one, several times faster.
 """
 
 from __future__ import annotations
@@ -12,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from common.geometry import Array, Pose2, wrap_angle
+from common.geometry import Array
 
-_NEAREST_M = 0.05
-_CONVERGED = 1e-4
-_MAX_STEP = np.array([1.5, 1.5, 0.5, 0.1, 0.1])
+NEAREST_M = 0.05
+CONVERGED = 1e-4
+MAX_STEP = np.array([1.5, 1.5, 0.5, 0.1, 0.1])
 
 
 @dataclass(frozen=True)
@@ -55,19 +56,6 @@ class Fits:
     in_front: NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class PlanarFit:
-    """One fitted pose of {L} in {F}, with the camera's tilt, (3, 3) covariance of x, y, θ and residuals."""
-
-    pose: Pose2
-    pitch_rad: float
-    roll_rad: float
-    covariance: Array
-    covariance5: Array
-    chi2: float
-    residual: Array
-
-
 def project(model: FitModel, states: Array) -> tuple[Array, Array, Array]:
     """Features of states (K, 5): ``(features (K, n, 2), Jacobian (K, n, 2, 5), depth (K, n))``."""
     image, jacobian, depth = _image(model, states)
@@ -96,9 +84,9 @@ def fit(model: FitModel, features: Array, start: Array, iterations: int = 6) -> 
         image, jacobian, _ = _image(model, states)
         information, gradient = _normal_equations(measured - image, jacobian, weight, prior, states)
         step = np.linalg.solve(information, gradient)[:, :, 0]
-        np.minimum(np.maximum(step, -_MAX_STEP, out=step), _MAX_STEP, out=step)
+        np.minimum(np.maximum(step, -MAX_STEP, out=step), MAX_STEP, out=step)
         states += step
-        if np.abs(step).max(initial=0.0) < _CONVERGED:
+        if np.abs(step).max(initial=0.0) < CONVERGED:
             break
     image, jacobian, depth = _image(model, states)
     error = measured - image
@@ -110,25 +98,7 @@ def fit(model: FitModel, features: Array, start: Array, iterations: int = 6) -> 
         covariance=np.asarray(np.linalg.inv(information), dtype=np.float64),
         chi2=(squared * weight).sum(axis=1) + (states**2 * prior).sum(axis=1),
         residual=np.where(seen, np.sqrt(squared[:, :leds] + squared[:, leds:]), np.nan),
-        in_front=np.asarray((depth > _NEAREST_M).all(axis=1)),
-    )
-
-
-def fit_one(model: FitModel, features: Array, start: Array) -> PlanarFit | None:
-    """Fit one hypothesis, features (n, 2) with NaN where not seen; None where it left the camera's view."""
-    fits = fit(model, features[None], start[None])
-    if not fits.in_front[0]:
-        return None
-    x, y, theta, pitch, roll = (float(value) for value in fits.states[0])
-    covariance = fits.covariance[0]
-    return PlanarFit(
-        Pose2(x, y, wrap_angle(theta)),
-        pitch,
-        roll,
-        covariance[:3, :3],
-        covariance,
-        float(fits.chi2[0]),
-        fits.residual[0],
+        in_front=np.asarray((depth > NEAREST_M).all(axis=1)),
     )
 
 
@@ -149,7 +119,7 @@ def _image(model: FitModel, states: Array) -> tuple[Array, Array, Array]:
     # the camera's tilt: pitch, then roll
     y1, depth = y * cp + z * sp, z * cp - y * sp
     x2, y2 = x * cr + y1 * sr, y1 * cr - x * sr
-    inverse = 1.0 / np.maximum(depth, _NEAREST_M)
+    inverse = 1.0 / np.maximum(depth, NEAREST_M)
     image = np.concatenate([x2 * inverse, y2 * inverse], axis=1)
     alpha, beta = image[:, :leds], image[:, leds:]
     # derivatives by x, y, θ, pitch, roll; those of X and Z by θ are −forward and −left

@@ -12,7 +12,8 @@ from common.frame_ring import Image
 from common.geometry import Array, Pose2, interaction_matrix, move_relative, wrap_angle
 from follower.estimator.identification import Limits
 from follower.estimator.lens import Lens
-from follower.estimator.planar_fit import FitModel, PlanarFit, fit, fit_one, project
+from follower.estimator.planar_fit import FitModel, fit, project
+from follower.estimator.single_fit import PlanarFit, fit_one
 from follower.estimator.spots import SpotRule, Spots, find_spots_near
 
 Chosen = list[int]
@@ -65,6 +66,15 @@ def moved_together(predicted_px: Array, spots_px: Array, allowed: NDArray[np.boo
     wins under which most LEDs have an allowed spot within the gate, and among equals the closest.
     """
     pairs = np.argwhere(allowed)
+    if (
+        len(pairs)
+        == len(predicted_px)
+        == len({int(led) for led, _ in pairs})
+        == len({int(spot) for _, spot in pairs})
+    ):
+        shifts = spots_px[pairs[:, 1]] - predicted_px  # argwhere goes by LED
+        if np.abs(shifts - shifts.mean(axis=0)).max() <= 0.5 * gate_px:
+            return [int(spot) for _, spot in pairs]
     best: tuple[float, Chosen] = (-1.0, [-1] * len(predicted_px))
     for led, spot in pairs:
         shift = spots_px[spot] - predicted_px[led]
@@ -179,6 +189,11 @@ def _mass_fits(spots: Spots, mass: Array) -> NDArray[np.bool_]:
 
 
 def _filtered(mass: Array, found: Array) -> Array:
-    """Masses to expect next: a slow average, the old value where a LED was not seen."""
+    """Masses to expect next: a slow average; a LED not seen is expected to become like the others."""
     blended = np.where(np.isnan(mass), found, mass + _MASS_FILTER * (found - mass))
-    return np.where(np.isnan(found), mass, blended)
+    unseen = np.isnan(found)
+    if unseen.any():
+        like_others = float(np.median(found[~unseen]))
+        before = np.where(np.isnan(mass), like_others, mass)
+        blended = np.where(unseen, before + _MASS_FILTER * (like_others - before), blended)
+    return blended
