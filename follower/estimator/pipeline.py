@@ -99,9 +99,8 @@ class Perception:
         self._normal = array_normal(self._points)
         sigma = estimator.pixel_sigma_px / self._focal_px
         self._model = FitModel(self._points, self._mount, sigma, TILT_SIGMA_RAD)
-        limits = Limits()
-        self._identifier = Identifier(self._model, limits)
-        self._tracker = ArrayTracker(self._model, self._lens, limits, estimator.gate_px)
+        self._identifier = Identifier(self._model, Limits())
+        self._tracker = ArrayTracker(self._model, self._lens, estimator.gate_px)
         self._health = ImageHealth((camera.height_px, camera.width_px))
         self._track: _Track | None = None
         self._failures = 0

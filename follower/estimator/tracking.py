@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from common.frame_ring import Image
 from common.geometry import Array, Pose2, interaction_matrix, move_relative, wrap_angle
-from follower.estimator.identification import Limits
 from follower.estimator.lens import Lens
 from follower.estimator.planar_fit import FitModel, fit, project
 from follower.estimator.single_fit import PlanarFit, fit_one
@@ -23,6 +22,7 @@ _COMMON_GATE_PX = 2.5
 _GATE_GROWTH_PX = 0.4
 _MASS_FACTOR = 2.2
 _MOST_ELONGATED = 1.6
+_CHI2_FULL, _CHI2_PARTIAL = 22.0, 12.0
 _LEFT_OUT_MARGIN = 9.0
 _INNOVATION_CHI2 = 25.0
 _MASS_FILTER = 0.2
@@ -107,10 +107,9 @@ class Followed:
 class ArrayTracker:
     """Finds the array around its predicted state; keeps nothing between frames."""
 
-    def __init__(self, model: FitModel, lens: Lens, limits: Limits, gate_px: float) -> None:
+    def __init__(self, model: FitModel, lens: Lens, gate_px: float) -> None:
         self._model = model
         self._lens = lens
-        self._limits = limits
         self._gate_px = gate_px
 
     def follow(
@@ -150,7 +149,7 @@ class ArrayTracker:
         """The features that fit one pose, at most one left out; None if they do not agree."""
         fitted = fit_one(self._model, features, expected)
         missing = int(np.isnan(features[:, 0]).sum())
-        bound = self._limits.chi2_partial if missing else self._limits.chi2_full
+        bound = _CHI2_PARTIAL if missing else _CHI2_FULL
         if fitted is not None and fitted.chi2 <= bound:
             return features, fitted
         leds = len(features)
@@ -161,7 +160,7 @@ class ArrayTracker:
         fits = fit(self._model, reduced, np.repeat(expected[None], leds, axis=0))
         chi2 = np.where(fits.in_front & np.isfinite(features[:, 0]), fits.chi2, np.inf)
         best, second = (int(row) for row in np.argsort(chi2)[:2])
-        if chi2[best] > self._limits.chi2_partial or chi2[second] < chi2[best] + _LEFT_OUT_MARGIN:
+        if chi2[best] > _CHI2_PARTIAL or chi2[second] < chi2[best] + _LEFT_OUT_MARGIN:
             return None
         fitted = fit_one(self._model, reduced[best], fits.states[best])
         return None if fitted is None else (reduced[best], fitted)
