@@ -63,24 +63,31 @@ def theta_from_homography(
 def _in_front(matrix: Array, desired: Array) -> Array:
     """H with the sign under which it maps points before one camera to points before the other."""
     mapped = desired @ matrix[2, :2] + matrix[2, 2]
-    return matrix if float(np.median(mapped)) > 0.0 else -matrix
+    return matrix if float(mapped.sum()) > 0.0 else -matrix
 
 
 def _collinear(points: Array) -> bool:
-    (xx, xy), (_, yy) = np.cov(points, rowvar=False, bias=True) * len(points)
+    """Whether the points' smaller principal spread vanishes."""
+    rows = points.tolist()
+    mean_x, mean_y = (sum(values) / len(rows) for values in zip(*rows, strict=True))
+    xx = sum((x - mean_x) ** 2 for x, _ in rows)
+    yy = sum((y - mean_y) ** 2 for _, y in rows)
+    xy = sum((x - mean_x) * (y - mean_y) for x, y in rows)
     return bool(0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy) < _THINNEST**2)
 
 
 def _choose(matrix: Array, desired: Array, normal: Array, predicted: float | None) -> float | None:
     _, rotations, _, normals = cv2.decomposeHomographyMat(matrix, _IDENTITY)
-    rays = np.column_stack([desired, np.ones(len(desired))])
+    rays = desired.tolist()
+    n_x, n_y, n_z = normal.tolist()
     found: list[tuple[float, float]] = []
     for rotation, candidate in zip(rotations, normals, strict=True):
-        n = np.asarray(candidate).ravel()
-        if not np.isfinite(n).all() or not np.all(rays @ n > 0.0):
+        x, y, z = candidate.ravel().tolist()
+        # NaN fails the comparison too
+        if not all(alpha * x + beta * y + z > 0.0 for alpha, beta in rays):
             continue
-        angle = math.acos(float(np.clip(n @ normal, -1.0, 1.0)))
-        found.append((angle, _heading(np.asarray(rotation))))
+        angle = math.acos(min(max(x * n_x + y * n_y + z * n_z, -1.0), 1.0))
+        found.append((angle, _heading(np.asarray(rotation, dtype=np.float64))))
     if not found:
         return None
     found.sort()

@@ -42,6 +42,14 @@ class PlanarFit:
         return np.array([self.pose.x_m, self.pose.y_m, self.pose.theta_rad, self.pitch_rad, self.roll_rad])
 
 
+def features_of(model: FitModel, state: Array) -> Array:
+    """Features (n, 2) of one state x, y, θ, pitch, roll."""
+    values, mount = state.tolist(), tuple(model.camera_xyz_m.tolist())
+    tilt = _cos_sin(values)
+    rows = [_rows(tuple(point), values, mount, tilt) for point in model.points_l.tolist()]
+    return np.array([(alpha, beta) for _, _, alpha, beta, _ in rows])
+
+
 def fit_one(model: FitModel, features: Array, start: Array, iterations: int = 6) -> PlanarFit | None:
     """Fit one hypothesis, features (n, 2) with NaN where not seen; None where a LED left the camera's view."""
     seen = [
@@ -78,7 +86,7 @@ def _normal_equations(
     prior: float,
 ) -> tuple[Array, Array, list[tuple[int, float]], float]:
     """Information (5, 5), gradient (5,), squared error of each seen LED, depth of the nearest one."""
-    tilt = (*_cos_sin(state[2]), *_cos_sin(state[3]), *_cos_sin(state[4]))
+    tilt = _cos_sin(state)
     jacobian: list[list[float]] = []
     error: list[float] = []
     squares = []
@@ -128,5 +136,6 @@ def _rows(point: tuple[float, ...], state: list[float], mount: tuple[float, ...]
     return along, across, alpha, beta, depth
 
 
-def _cos_sin(angle_rad: float) -> tuple[float, float]:
-    return math.cos(angle_rad), math.sin(angle_rad)
+def _cos_sin(state: list[float]) -> tuple[float, ...]:
+    """Cosine and sine of θ, pitch and roll."""
+    return tuple(part for angle in state[2:] for part in (math.cos(angle), math.sin(angle)))

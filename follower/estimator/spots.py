@@ -94,8 +94,9 @@ def find_spots_near(image: Image, centres: Array, half_px: int, rule: SpotRule) 
 
 def background(image: Image) -> tuple[float, float]:
     """Median grey level of a sparse sample, and the saturated part of it, 0 … 1."""
-    sample = image[16::32, 16::32].ravel()
-    return float(np.partition(sample, sample.size // 2)[sample.size // 2]), float((sample >= SATURATED).mean())
+    counts = np.bincount(image[16::32, 16::32].ravel(), minlength=256).cumsum()
+    total = int(counts[-1])
+    return float(np.searchsorted(counts, total // 2, side="right")), 1.0 - float(counts[SATURATED - 1]) / total
 
 
 def brightest(spots: Spots, count: int) -> Spots:

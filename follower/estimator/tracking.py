@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from common.frame_ring import Image
 from common.geometry import Array, Pose2, interaction_matrix, move_relative, wrap_angle
 from follower.estimator.lens import Lens
-from follower.estimator.planar_fit import FitModel, fit, project
-from follower.estimator.single_fit import PlanarFit, fit_one
+from follower.estimator.planar_fit import FitModel, fit
+from follower.estimator.single_fit import PlanarFit, features_of, fit_one
 from follower.estimator.spots import SpotRule, Spots, find_spots_near
 
 Chosen = list[int]
@@ -73,7 +73,7 @@ def moved_together(predicted_px: Array, spots_px: Array, allowed: NDArray[np.boo
         == len({int(spot) for _, spot in pairs})
     ):
         shifts = spots_px[pairs[:, 1]] - predicted_px  # argwhere goes by LED
-        if np.abs(shifts - shifts.mean(axis=0)).max() <= 0.5 * gate_px:
+        if np.ptp(shifts, axis=0).max() <= gate_px:
             return [int(spot) for _, spot in pairs]
     best: tuple[float, Chosen] = (-1.0, [-1] * len(predicted_px))
     for led, spot in pairs:
@@ -127,7 +127,7 @@ class ArrayTracker:
         Returns:
             The number of spots found if they are not the array.
         """
-        predicted_px = self._lens.to_pixels(project(self._model, expected[None])[0][0])
+        predicted_px = self._lens.to_pixels(features_of(self._model, expected))
         growth = _GATE_GROWTH_PX * unseen_frames
         spots = find_spots_near(image, predicted_px, _REGION_HALF_PX + min(int(growth), 20), rule)
         if len(spots) < _FEWEST:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from common.config import Config
 from common.geometry import Pose2, features_at
 from follower.estimator.planar_fit import FitModel, fit, project
-from follower.estimator.single_fit import fit_one
+from follower.estimator.single_fit import features_of, fit_one
 
 SIGMA = 0.2 / 369.5
 
@@ -109,6 +109,7 @@ def test_one_and_many_agree(config: Config, x: float, y: float, theta: float, se
     many = fit(model(config), features, start[None], iterations=12)
     one = fit_one(model(config), features[0], start, iterations=12)
     assert one is not None
+    assert features_of(model(config), truth) == pytest.approx(project(model(config), truth[None])[0][0], abs=1e-12)
     assert one.state == pytest.approx(many.states[0], abs=2e-4)
     assert one.chi2 == pytest.approx(float(many.chi2[0]), rel=1e-3, abs=1e-3)
     assert one.covariance == pytest.approx(many.covariance[0, :3, :3], rel=0.02, abs=1e-12)
