@@ -22,7 +22,7 @@ from follower.estimator.identification import Failure, Identifier, Limits, Match
 from follower.estimator.image_health import ImageHealth
 from follower.estimator.lens import Lens
 from follower.estimator.planar_fit import FitModel
-from follower.estimator.single_fit import PlanarFit, fit_one
+from follower.estimator.single_fit import PlanarFit, fit_one, levelled
 from follower.estimator.spots import SpotRule, Spots, brightest, find_spots, find_spots_near
 from follower.estimator.tracking import ArrayTracker, Followed, nearest_within, predict_features, predict_state
 
@@ -47,7 +47,8 @@ class Detection:
     Attributes:
         frame_sequence, capture_ns: the frame.
         valid: whether features and pose may be used; else ``cause`` says why not.
-        features: (n, 2) normalised [α, β] by LED, NaN where not seen.
+        features: (n, 2) normalised [α, β] by LED as measured, NaN where not seen.
+        features_level: (n, 2) the same as a camera without the fitted pitch and roll would see them.
         spots: candidates found, in the whole frame or in the tracked regions.
         leds_seen: LEDs that were matched.
         theta_homography_rad: θ_L^F of the paper's homography; None where it has no solution.
@@ -62,6 +63,7 @@ class Detection:
     valid: bool
     cause: StateCause
     features: Array
+    features_level: Array
     spots: int = 0
     leds_seen: int = 0
     theta_homography_rad: float | None = None
@@ -122,9 +124,11 @@ class Perception:
             capture_ns: middle of the exposure.
             twist: measured (v [m/s], ω [rad/s]) of {F} around the capture.
             desired_features: (n, 2) normalised features at the goal; None: no homography.
-            predicted: pose of {L} in {F} at the capture as the observer expects it.
+            predicted: pose of {L} in {F} at the capture as the observer expects it; where the array was not seen
+                in the last frame, it is looked for there.
         """
-        nothing = Detection(frame_sequence, capture_ns, False, "no_frame", np.full((len(self._points), 2), np.nan))
+        nowhere = np.full((len(self._points), 2), np.nan)
+        nothing = Detection(frame_sequence, capture_ns, False, "no_frame", nowhere, nowhere)
         seen = self._health.look(image, capture_ns)
         if image is None or seen.cause is not None:
             return replace(nothing, cause=seen.cause or "no_frame")
@@ -170,7 +174,7 @@ class Perception:
         if elapsed_ns > _KEEP_NS:
             return None
         state = predict_state(track.state, twist, elapsed_ns / NS_PER_S)
-        if predicted is not None:
+        if predicted is not None and track.unseen_frames > 0:  # just seen, the last fit knows better, tilt included
             state[:3] = predicted.as_array()
         if self._settings.method == "paper":
             found = self._nearest(image, rule, track, twist, elapsed_ns / NS_PER_S)
@@ -256,6 +260,7 @@ class Perception:
             valid=confirmed,
             cause="ok" if confirmed else "confirming",
             features=found.features,
+            features_level=levelled(found.features, fitted.pitch_rad, fitted.roll_rad),
             spots=found.spots,
             leds_seen=int(np.isfinite(found.features[:, 0]).sum()),
             pose=fitted.pose,

@@ -50,6 +50,17 @@ def features_of(model: FitModel, state: Array) -> Array:
     return np.array([(alpha, beta) for _, _, alpha, beta, _ in rows])
 
 
+def levelled(features: Array, pitch_rad: float, roll_rad: float) -> Array:
+    """Features (n, 2) as the camera would see them without its tilt; NaN stays NaN."""
+    cp, sp, cr, sr = math.cos(pitch_rad), math.sin(pitch_rad), math.cos(roll_rad), math.sin(roll_rad)
+    level = []
+    for alpha, beta in features.tolist():
+        right, down = alpha * cr - beta * sr, alpha * sr + beta * cr
+        ahead = cp + down * sp
+        level.append((right / ahead, (down * cp - sp) / ahead))
+    return np.array(level)
+
+
 def fit_one(model: FitModel, features: Array, start: Array, iterations: int = 6) -> PlanarFit | None:
     """Fit one hypothesis, features (n, 2) with NaN where not seen; None where a LED left the camera's view."""
     seen = [

@@ -142,7 +142,7 @@ def _split(box: Image, x0: int, y0: int, rule: SpotRule, whole: _Row) -> list[_R
 
 
 def _measure(box: Image, x0: int, y0: int, rule: SpotRule) -> _Row | None:
-    peak = int(box.max())
+    peak = cv2.minMaxLoc(box)[1]
     if rule.weighting == "paper":
         _, weights = cv2.threshold(box, rule.threshold, 255, cv2.THRESH_TOZERO)
     else:
@@ -157,7 +157,7 @@ def _measure(box: Image, x0: int, y0: int, rule: SpotRule) -> _Row | None:
         x0 + moments["m10"] / mass,
         y0 + moments["m01"] / mass,
         mass,
-        float(peak),
+        peak,
         float(width),
         float(height),
         _elongation(moments["mu20"] / mass, moments["mu02"] / mass, moments["mu11"] / mass),
@@ -179,24 +179,22 @@ def _gather(rows: Iterable[_Row]) -> Spots:
 
 def _regions(centres: Array, half_px: int, width: int, height: int) -> list[Window]:
     windows = []
-    for u, v in centres:
-        if not (np.isfinite(u) and np.isfinite(v)):
+    for u, v in centres.tolist():
+        if not (math.isfinite(u) and math.isfinite(v)):
             continue
-        left, top = max(round(u) - half_px, 0), max(round(v) - half_px, 0)
-        right, bottom = min(round(u) + half_px + 1, width), min(round(v) + half_px + 1, height)
+        left, top = max(int(u) - half_px, 0), max(int(v) - half_px, 0)
+        right, bottom = min(int(u) + half_px + 1, width), min(int(v) + half_px + 1, height)
         if left < right and top < bottom:
             windows.append((left, top, right, bottom))
     return windows
 
 
 def _join(windows: list[Window]) -> list[Window]:
+    """Windows that overlap, replaced by the one around both, until none do."""
     joined: list[Window] = []
     for window in windows:
         current = window
-        while True:
-            other = next((w for w in joined if _overlap(w, current)), None)
-            if other is None:
-                break
+        while other := next((known for known in joined if _overlap(known, current)), None):
             joined.remove(other)
             current = (
                 min(current[0], other[0]),

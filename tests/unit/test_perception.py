@@ -100,7 +100,10 @@ def test_after_a_jump_nothing_is_claimed_until_found_again(config: Config, shoot
 
 def test_a_predicted_pose_serves_in_place_of_dead_reckoning(config: Config, shoot: Shoot) -> None:
     perception, last = locked(config, shoot, Pose2(4.0, 0.0, 0.0))
-    there, now = Pose2(3.8, 0.3, 0.1), last + 1
+    dark = shoot(Pose2(-4.0, 0.0, 0.0), last + 1)
+    unseen = perception.process(dark, last + 1, (last + 1) * PERIOD_NS, (0.0, 0.0), None)
+    assert unseen.cause == "coasting"
+    there, now = Pose2(3.8, 0.3, 0.1), last + 2
     seen = perception.process(shoot(there, now), now, now * PERIOD_NS, (0.0, 0.0), None, predicted=there)
     assert seen.valid
     assert seen.spots == 4

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from common.config import Config
 from common.geometry import Pose2, features_at
 from follower.estimator.planar_fit import FitModel, fit, project
-from follower.estimator.single_fit import features_of, fit_one
+from follower.estimator.single_fit import features_of, fit_one, levelled
 
 SIGMA = 0.2 / 369.5
 
@@ -114,3 +114,11 @@ def test_one_and_many_agree(config: Config, x: float, y: float, theta: float, se
     assert one.chi2 == pytest.approx(float(many.chi2[0]), rel=1e-3, abs=1e-3)
     assert one.covariance == pytest.approx(many.covariance[0, :3, :3], rel=0.02, abs=1e-12)
     assert one.residual == pytest.approx(many.residual[0], abs=1e-6)
+
+
+def test_levelled_features_are_those_of_an_untilted_camera(config: Config) -> None:
+    tilted = features_of(model(config), np.array([4.0, 0.5, 0.2, 0.03, -0.04]))
+    level = features_of(model(config), np.array([4.0, 0.5, 0.2, 0.0, 0.0]))
+    assert levelled(tilted, 0.03, -0.04) == pytest.approx(level, abs=1e-12)
+    tilted[1] = np.nan
+    assert np.isnan(levelled(tilted, 0.03, -0.04)[1]).all()
