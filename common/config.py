@@ -48,9 +48,14 @@ class LensConfig(Section):
 
 
 class CameraConfig(Section):
-    """The Follower's camera: driver by name, image format, exposure and its place ξ on the robot."""
+    """The Follower's camera: driver by name, image format, exposure and its place ξ on the robot.
+
+    ``device`` says which one: the serial number (mindvision), ``/dev/video0`` (v4l2), a folder or video (replay);
+    empty: the only one there is.
+    """
 
     driver: str
+    device: str = ""
     rate_hz: Annotated[float, Field(gt=0, le=500)]
     width_px: Annotated[int, Field(ge=64, le=8192)]
     height_px: Annotated[int, Field(ge=64, le=8192)]

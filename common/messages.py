@@ -51,6 +51,8 @@ StateCause = Literal[
     "underexposed",
     "few_leds",
     "not_identified",
+    "ambiguous",
+    "confirming",
     "residual",
     "coasting",
     "behind_camera",

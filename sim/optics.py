@@ -33,6 +33,7 @@ _READ_NOISE = 1.2
 _BANK = 6
 _BANK_EXTRA_ROWS = 64
 _BLUR_STEP_PX = 0.5
+_NEAREST_M = 0.05
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,25 @@ class Optics:
 
     def specks(self, view: View) -> list[Speck]:
         """Specks of all lights before the camera that nothing hides, also where they lie outside the image."""
+        start, end, peaks = self._lit(view)
+        centre, streak = 0.5 * (start + end), end - start
+        return [
+            Speck(float(c[0]), float(c[1]), float(peak), (float(s[0]), float(s[1])))
+            for c, s, peak in zip(centre, streak, peaks, strict=True)
+            if peak > _VISIBLE_GREY
+        ]
+
+    def led_truth(self, view: View) -> tuple[Array, Array]:
+        """Where the LEDs themselves are imaged, (n, 2) [px], and how bright, (n,) [grey], 0 if not seen."""
+        start, end, peaks = self._lit(view)
+        leds = len(self._leds.points)
+        pixels = 0.5 * (start + end)[:leds]
+        limits = [self._camera.width_px - 1, self._camera.height_px - 1]
+        inside = ((pixels >= 0.0) & (pixels <= limits)).all(axis=1)
+        return pixels, np.where(inside, peaks[:leds], 0.0)
+
+    def _lit(self, view: View) -> tuple[Array, Array, Array]:
+        """Every light's pixels at begin and end of the exposure and its peak, 0 for one hidden or not in front."""
         time_s = view.time_ns * 1e-9
         lights = lights_of(self._leds, view.led_currents_a, view.scene, time_s)
         mount = self._camera.mount
@@ -107,15 +127,10 @@ class Optics:
             peaks = np.where(hidden(lights.points, camera_l, view.scene.walkers, time_s), 0.0, peaks)
         before = _to_camera(lights.points, view, mount)
         after = _to_camera(lights.points, _after(view, self._camera.exposure_us * 1e-6), mount)
-        visible = np.flatnonzero((peaks > _VISIBLE_GREY) & (before[:, 2] > 0.05) & (after[:, 2] > 0.05))
-        if not len(visible):
-            return []
-        start, end = image_of_rays(before[visible], self._camera), image_of_rays(after[visible], self._camera)
-        centre, streak = 0.5 * (start + end), end - start
-        return [
-            Speck(float(c[0]), float(c[1]), float(peak), (float(s[0]), float(s[1])))
-            for c, s, peak in zip(centre, streak, peaks[visible], strict=True)
-        ]
+        peaks = np.where((before[:, 2] > _NEAREST_M) & (after[:, 2] > _NEAREST_M), peaks, 0.0)
+        for points in (before, after):
+            points[:, 2] = np.maximum(points[:, 2], _NEAREST_M)
+        return image_of_rays(before, self._camera), image_of_rays(after, self._camera), peaks
 
     def _sunlit(self, out: Image, view: View) -> None:
         """Sun patches in front of the camera, in place."""

@@ -17,6 +17,8 @@ from common.geometry import Array, wrap_angle
 
 _PURE_ROTATION = 2e-3
 _THINNEST = 1e-4
+_SMALLEST_SCALE = 1e-6
+_IDENTITY = np.eye(3)
 _NORMALS_ALIKE_RAD = math.radians(25.0)
 
 
@@ -40,8 +42,8 @@ def theta_from_homography(
         predicted_theta_rad: heading to be near where two solutions look alike; None: nearest normal.
 
     Returns:
-        None where fewer than four features are seen, they are degenerate, or no solution has every LED in
-        front of the camera.
+        None where fewer than four features are seen, they are degenerate, the plane is seen from behind, or no
+        solution has every LED in front of the camera.
     """
     seen = np.isfinite(current[:, 0])
     if seen.sum() < 4 or _collinear(current[seen]) or _collinear(desired[seen]):
@@ -49,30 +51,43 @@ def theta_from_homography(
     matrix, _ = cv2.findHomography(desired[seen], current[seen], 0)
     if matrix is None or not np.isfinite(matrix).all():
         return None
-    singular = np.linalg.svd(matrix, compute_uv=False)
-    # depths are positive at both poses: of ±H only one keeps the features in front of the camera
-    depths = np.column_stack([desired[seen], np.ones(seen.sum())]) @ matrix[2]
-    scaled = matrix / (singular[1] * math.copysign(1.0, float(np.median(depths))))
-    if np.abs(scaled.T @ scaled - np.eye(3)).max() < _PURE_ROTATION:
-        return _heading(scaled)
-    return _choose(scaled, desired[seen], normal, predicted_theta_rad)
+    signed = _in_front(np.asarray(matrix, dtype=np.float64), desired[seen])
+    scale = math.cbrt(float(np.linalg.det(signed)))
+    if scale < _SMALLEST_SCALE:
+        return None  # the plane seen from behind
+    if np.abs(signed.T @ signed / scale**2 - _IDENTITY).max() < _PURE_ROTATION:
+        return _heading(signed / scale)
+    return _choose(signed, desired[seen], normal, predicted_theta_rad)
+
+
+def _in_front(matrix: Array, desired: Array) -> Array:
+    """H with the sign under which it maps points before one camera to points before the other."""
+    mapped = desired @ matrix[2, :2] + matrix[2, 2]
+    return matrix if float(mapped.sum()) > 0.0 else -matrix
 
 
 def _collinear(points: Array) -> bool:
-    singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(singular[1] < _THINNEST)
+    """Whether the points' smaller principal spread vanishes."""
+    rows = points.tolist()
+    mean_x, mean_y = (sum(values) / len(rows) for values in zip(*rows, strict=True))
+    xx = sum((x - mean_x) ** 2 for x, _ in rows)
+    yy = sum((y - mean_y) ** 2 for _, y in rows)
+    xy = sum((x - mean_x) * (y - mean_y) for x, y in rows)
+    return bool(0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy) < _THINNEST**2)
 
 
 def _choose(matrix: Array, desired: Array, normal: Array, predicted: float | None) -> float | None:
-    _, rotations, _, normals = cv2.decomposeHomographyMat(matrix, np.eye(3))
-    rays = np.column_stack([desired, np.ones(len(desired))])
+    _, rotations, _, normals = cv2.decomposeHomographyMat(matrix, _IDENTITY)
+    rays = desired.tolist()
+    n_x, n_y, n_z = normal.tolist()
     found: list[tuple[float, float]] = []
     for rotation, candidate in zip(rotations, normals, strict=True):
-        n = np.asarray(candidate).ravel()
-        if not np.isfinite(n).all() or not np.all(rays @ n > 0.0):
+        x, y, z = candidate.ravel().tolist()
+        # NaN fails the comparison too
+        if not all(alpha * x + beta * y + z > 0.0 for alpha, beta in rays):
             continue
-        angle = math.acos(float(np.clip(n @ normal, -1.0, 1.0)))
-        found.append((angle, _heading(np.asarray(rotation))))
+        angle = math.acos(min(max(x * n_x + y * n_y + z * n_z, -1.0), 1.0))
+        found.append((angle, _heading(np.asarray(rotation, dtype=np.float64))))
     if not found:
         return None
     found.sort()

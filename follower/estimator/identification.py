@@ -9,7 +9,7 @@ judged by χ². A rival that fits nearly as well makes the answer "not sure".
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
 
@@ -29,7 +29,9 @@ _MAX_PITCH = 0.05
 _MAX_ROLL = 0.05
 _TRIALS = 3000
 _FITTED = 24
-_MASS_RATIO = 12.0
+_MASS_RATIO = 5.0
+_ALIKE = 3.0
+_WIDEST = 0.9
 
 
 @dataclass(frozen=True)
@@ -37,12 +39,14 @@ class Limits:
     """When an assignment is accepted.
 
     ``chi2_full``/``chi2_partial`` bound χ² with every LED seen and with one missing; a rival within
-    ``margin`` of the best χ² (or below its bound) makes the match ambiguous.
+    ``margin`` of the best χ² (or below its bound) makes the match ambiguous. With one LED missing, three spots
+    among more than ``most_for_partial`` prove nothing, and neither do three beside a fourth of like brightness.
     """
 
-    chi2_full: float = 22.0
-    chi2_partial: float = 12.0
+    chi2_full: float = 15.0
+    chi2_partial: float = 8.0
     margin: float = 30.0
+    most_for_partial: int = 8
 
 
 @dataclass(frozen=True)
@@ -82,8 +86,17 @@ class Identifier:
             allow_partial: also accept all LEDs but one, if nothing else explains the image.
         """
         leds = len(self._height)
-        if len(features) < leds - int(allow_partial):
+        possible = self._possible(features)
+        if len(possible) < leds - int(allow_partial):
             return "few_spots"
+        found = self._search(features[possible], mass[possible], allow_partial)
+        if not isinstance(found, Match):
+            return found
+        spots = tuple(int(possible[spot]) if spot >= 0 else -1 for spot in found.spot_of_led)
+        return replace(found, spot_of_led=spots)
+
+    def _search(self, features: Array, mass: Array, allow_partial: bool) -> Match | Failure:
+        allow_partial = allow_partial and len(features) <= self._limits.most_for_partial
         assignments, starts = self._trials(features, mass)
         if not len(assignments):
             return "no_match"
@@ -95,9 +108,17 @@ class Identifier:
             if absent and not allow_partial:
                 break
             verdict = self._judge(features, assignments[rows], starts[rows], bound)
+            if isinstance(verdict, Match) and absent and _another_nearby(verdict, features, mass):
+                return "ambiguous"
             if verdict != "no_match":
                 return verdict
         return "no_match"
+
+    def _possible(self, features: Array) -> Indices:
+        """Candidates as high in the image as a LED can be."""
+        ends = np.stack([self._height / _NEAREST_M, self._height / _FARTHEST_M])
+        beta = features[:, 1]
+        return np.flatnonzero((beta >= ends.min() - _MAX_PITCH) & (beta <= ends.max() + _MAX_PITCH))
 
     def _judge(self, features: Array, assignments: Indices, starts: Array, bound: float) -> Match | Failure:
         if not len(assignments):
@@ -165,10 +186,10 @@ class Identifier:
     ) -> tuple[Indices, Indices, Indices, Array, Array]:
         """Pairs of spots as LEDs a and b at a heading: spots, heading, (X, Z) offset of the array, pitch."""
         count = len(features)
-        first, second = (rows.ravel() for rows in np.indices((count, count)))
-        alike = (first != second) & (
-            np.maximum(mass[first], mass[second]) <= _MASS_RATIO * np.minimum(mass[first], mass[second])
-        )
+        first, second = np.divmod(np.arange(count * count), count)
+        bright, dim = np.maximum(mass[first], mass[second]), np.minimum(mass[first], mass[second])
+        apart = np.abs(features[first, 0] - features[second, 0])
+        alike = (first != second) & (bright <= _MASS_RATIO * dim) & (apart <= _WIDEST)
         first, second = first[alike], second[alike]
         alpha_a, alpha_b = features[first, 0:1], features[second, 0:1]
         # X_a + X = α_a (Z_a + Z) and the same for b, solved for the array's offset (X, Z)
@@ -191,6 +212,17 @@ class Identifier:
         offset_z = z[pair, heading]
         offset_x = alpha_a[pair, 0] * offset_z + lead_a[pair, heading]
         return first[pair], second[pair], heading, np.stack([offset_x, offset_z], axis=1), pitch[pair, heading]
+
+
+def _another_nearby(match: Match, features: Array, mass: Array) -> bool:
+    """Whether a spot of like brightness that the match leaves unexplained lies within the array's own size of it."""
+    used = [spot for spot in match.spot_of_led if spot >= 0]
+    centre = features[used].mean(axis=0)
+    reach = 3.0 * np.hypot(*(features[used] - centre).T).max()
+    others = np.setdiff1d(np.arange(len(features)), used)
+    near = np.hypot(*(features[others] - centre).T) <= reach
+    alike = np.abs(np.log(mass[others] / np.median(mass[used]))) <= np.log(_ALIKE)
+    return bool((near & alike).any())
 
 
 def _base_pairs(points: Array) -> list[tuple[int, int]]:

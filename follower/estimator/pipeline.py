@@ -1,4 +1,9 @@
-"""Frame → Detection: spots, identification or tracking, both routes to θ, and why a frame says nothing."""
+"""Frame → Detection: spots, identification or tracking, both routes to θ, and why a frame says nothing.
+
+A new lock is used only after it has held for some frames. When the array is lost, the state is carried on by
+the measured twist for a while and the array looked for around it; after that, anywhere. What is carried on is
+never reported as seen: every frame without the array is invalid, with its cause.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +16,28 @@ from common.config import Config
 from common.frame_ring import Image
 from common.geometry import Array, Pose2
 from common.messages import StateCause
-from common.timing import NS_PER_S
+from common.timing import NS_PER_MS, NS_PER_S
 from follower.estimator.homography import array_normal, theta_from_homography
-from follower.estimator.identification import Identifier, Limits
+from follower.estimator.identification import Failure, Identifier, Limits, Match
+from follower.estimator.image_health import ImageHealth
 from follower.estimator.lens import Lens
-from follower.estimator.planar_fit import FitModel, PlanarFit, fit_one, project
+from follower.estimator.planar_fit import FitModel
+from follower.estimator.single_fit import PlanarFit, fit_one, levelled
 from follower.estimator.spots import SpotRule, Spots, brightest, find_spots, find_spots_near
-from follower.estimator.tracking import nearest_within, predict_features
+from follower.estimator.tracking import ArrayTracker, Followed, nearest_within, predict_features, predict_state
 
 TILT_SIGMA_RAD = math.radians(0.7)
 MOST_CANDIDATES = 40
 _REGION_HALF_PX = 20
+_CONFIRM_FULL, _CONFIRM_PARTIAL = 4, 20
+_PARTIAL_AFTER = 12
+_KEEP_NS = 1_250 * NS_PER_MS
+
+_CAUSES: dict[Failure, StateCause] = {
+    "few_spots": "few_leds",
+    "no_match": "not_identified",
+    "ambiguous": "ambiguous",
+}
 
 
 @dataclass(frozen=True)
@@ -31,11 +47,12 @@ class Detection:
     Attributes:
         frame_sequence, capture_ns: the frame.
         valid: whether features and pose may be used; else ``cause`` says why not.
-        features: (n, 2) normalised [α, β] by LED, NaN where not seen.
+        features: (n, 2) normalised [α, β] by LED as measured, NaN where not seen.
+        features_level: (n, 2) the same as a camera without the fitted pitch and roll would see them.
         spots: candidates found, in the whole frame or in the tracked regions.
         leds_seen: LEDs that were matched.
         theta_homography_rad: θ_L^F of the paper's homography; None where it has no solution.
-        pose: fitted pose of {L} in {F}; None without a fit, as are tilt, covariance and residual.
+        pose: fitted pose of {L} in {F}; None without a fit, as is the covariance.
         pitch_rad, roll_rad: camera tilt away from its mounting: up, right side down.
         covariance: (3, 3) of x [m], y [m], θ [rad].
         residual_px: root mean square of the fit's reprojection errors.
@@ -46,6 +63,7 @@ class Detection:
     valid: bool
     cause: StateCause
     features: Array
+    features_level: Array
     spots: int = 0
     leds_seen: int = 0
     theta_homography_rad: float | None = None
@@ -58,34 +76,36 @@ class Detection:
 
 @dataclass(frozen=True)
 class _Track:
-    """The last frame in which the array was seen."""
+    """The array as last known: state and features at ``capture_ns``, spot masses, how long seen and unseen."""
 
     capture_ns: int
-    features: Array
     state: Array
+    features: Array
+    mass: Array
+    to_confirm: int
+    unseen_frames: int = 0
+    unseen_ns: int = 0
 
 
 class Perception:
     """Keeps the track between frames; one call of :meth:`process` per frame, in order."""
 
     def __init__(self, config: Config) -> None:
-        estimator = config.estimator
-        self._config = config
-        self._lens = Lens(config.camera)
-        self._focal_px = config.camera.lens.fx_px
+        estimator, camera = config.estimator, config.camera
+        self._settings = estimator
+        self._lens = Lens(camera)
+        self._focal_px = camera.lens.fx_px
         self._points = config.leds.points
-        self._mount = config.camera.mount
+        self._mount = camera.mount
         self._height = self._mount[2] - self._points[:, 2]
         self._normal = array_normal(self._points)
-        self._model = FitModel(self._points, self._mount, estimator.pixel_sigma_px / self._focal_px, TILT_SIGMA_RAD)
+        sigma = estimator.pixel_sigma_px / self._focal_px
+        self._model = FitModel(self._points, self._mount, sigma, TILT_SIGMA_RAD)
         self._identifier = Identifier(self._model, Limits())
-        self._rule = SpotRule(
-            estimator.threshold,
-            estimator.min_spot_px,
-            estimator.max_spot_px,
-            "paper" if estimator.method == "paper" else "above_threshold",
-        )
+        self._tracker = ArrayTracker(self._model, self._lens, estimator.gate_px)
+        self._health = ImageHealth((camera.height_px, camera.width_px))
         self._track: _Track | None = None
+        self._failures = 0
 
     def process(
         self,
@@ -104,81 +124,148 @@ class Perception:
             capture_ns: middle of the exposure.
             twist: measured (v [m/s], ω [rad/s]) of {F} around the capture.
             desired_features: (n, 2) normalised features at the goal; None: no homography.
-            predicted: pose of {L} in {F} at the capture as the observer expects it.
+            predicted: pose of {L} in {F} at the capture as the observer expects it; where the array was not seen
+                in the last frame, it is looked for there.
         """
-        nothing = Detection(frame_sequence, capture_ns, False, "no_frame", np.full((len(self._points), 2), np.nan))
-        if image is None:
-            return nothing
-        camera = self._config.camera
-        if image.shape != (camera.height_px, camera.width_px) or image.dtype != np.uint8:
-            return replace(nothing, cause="bad_frame")
-        detection = self._followed(image, nothing, twist, predicted) or self._identified(image, nothing)
-        if not detection.valid or desired_features is None:
+        nowhere = np.full((len(self._points), 2), np.nan)
+        nothing = Detection(frame_sequence, capture_ns, False, "no_frame", nowhere, nowhere)
+        seen = self._health.look(image, capture_ns)
+        if image is None or seen.cause is not None:
+            return replace(nothing, cause=seen.cause or "no_frame")
+        rule = self._rule(seen.background)
+        detection = self._followed(image, rule, nothing, twist, predicted)
+        if detection is None:
+            detection = self._identified(image, rule, nothing)
+        if not detection.spots and seen.exposure is not None:
+            detection = replace(detection, cause=seen.exposure)
+        if self._health.frozen(detection.features):
+            return replace(detection, valid=False, cause="frozen_camera")
+        if not detection.valid or detection.pose is None or desired_features is None:
             return detection
         expected = predicted or detection.pose
-        theta = theta_from_homography(
-            detection.features, desired_features, self._normal, expected.theta_rad if expected else None
-        )
+        theta = theta_from_homography(detection.features, desired_features, self._normal, expected.theta_rad)
         return replace(detection, theta_homography_rad=theta)
 
+    def _rule(self, background: float) -> SpotRule:
+        """λ_I as configured for the paper's method, else half of it above the background."""
+        settings = self._settings
+        paper = settings.method == "paper"
+        level = settings.threshold if paper else round(background + settings.threshold / 2)
+        return SpotRule(
+            min(level, 254),
+            settings.min_spot_px,
+            settings.max_spot_px,
+            "paper" if paper else "above_threshold",
+        )
+
     def _followed(
-        self, image: Image, nothing: Detection, twist: tuple[float, float], predicted: Pose2 | None
+        self,
+        image: Image,
+        rule: SpotRule,
+        nothing: Detection,
+        twist: tuple[float, float],
+        predicted: Pose2 | None,
     ) -> Detection | None:
-        """The array where prediction has it; None if it is not there, and the track is given up."""
+        """The array where prediction has it, or that it is not there; None without a track."""
         track, self._track = self._track, None
         if track is None:
             return None
-        age_ns = nothing.capture_ns - track.capture_ns
-        if not 0 < age_ns <= self._config.estimator.coast_ms * 1e6:
+        elapsed_ns = nothing.capture_ns - track.capture_ns
+        if elapsed_ns > _KEEP_NS:
             return None
-        if predicted is not None:
-            ahead = np.array([*predicted.as_array(), *track.state[3:]])
-            expected = project(self._model, ahead[None])[0][0]
+        state = predict_state(track.state, twist, elapsed_ns / NS_PER_S)
+        if predicted is not None and track.unseen_frames > 0:  # just seen, the last fit knows better, tilt included
+            state[:3] = predicted.as_array()
+        if self._settings.method == "paper":
+            found = self._nearest(image, rule, track, twist, elapsed_ns / NS_PER_S)
         else:
-            expected = predict_features(track.features, self._height, self._mount, twist, age_ns / NS_PER_S)
+            found = self._tracker.follow(image, rule, state, track.mass, track.unseen_frames)
+        if isinstance(found, Followed):
+            self._track = _Track(
+                nothing.capture_ns, found.fitted.state, found.features, found.mass, max(track.to_confirm - 1, 0)
+            )
+            return self._report(nothing, found, confirmed=track.to_confirm <= 1)
+        return self._coasted(image, rule, nothing, track, state, found)
+
+    def _coasted(
+        self, image: Image, rule: SpotRule, nothing: Detection, track: _Track, state: Array, spots: int
+    ) -> Detection | None:
+        """Carry the track on unseen; None where a search from scratch shall take over."""
+        unseen_ns = track.unseen_ns + nothing.capture_ns - track.capture_ns
+        if track.to_confirm > 0 or unseen_ns > _KEEP_NS or self._settings.method == "paper":
+            return None
+        late = unseen_ns > self._settings.coast_ms * NS_PER_MS
+        if late:
+            anew = self._identified(image, rule, nothing)
+            if self._track is not None:
+                return anew
+        self._track = replace(
+            track,
+            capture_ns=nothing.capture_ns,
+            state=state,
+            unseen_frames=track.unseen_frames + 1,
+            unseen_ns=unseen_ns,
+        )
+        return replace(nothing, cause="few_leds" if late else "coasting", spots=spots)
+
+    def _nearest(
+        self, image: Image, rule: SpotRule, track: _Track, twist: tuple[float, float], elapsed_s: float
+    ) -> Followed | int:
+        """The paper's way: each LED's nearest spot within the gate around eq. (feature_prediction)."""
+        expected = predict_features(track.features, self._height, self._mount, twist, elapsed_s)
         expected_px = self._lens.to_pixels(expected)
-        spots = find_spots_near(image, expected_px, _REGION_HALF_PX, self._rule)
-        chosen = nearest_within(expected_px, spots.pixels, self._config.estimator.gate_px)
+        spots = find_spots_near(image, expected_px, _REGION_HALF_PX, rule)
+        chosen = nearest_within(expected_px, spots.pixels, self._settings.gate_px)
         if min(chosen) < 0:
-            return None
-        return self._measured(nothing, spots, self._lens.to_normalised(spots.pixels)[chosen], track.state)
+            return len(spots)
+        return self._taken(spots, chosen, track.state) or len(spots)
 
-    def _identified(self, image: Image, nothing: Detection) -> Detection:
-        """The array wherever it is in the image."""
-        spots = find_spots(image, self._rule)
+    def _identified(self, image: Image, rule: SpotRule, nothing: Detection) -> Detection:
+        """The array wherever it is in the image; a lock that still has to be confirmed."""
+        spots = find_spots(image, rule)
         candidates = brightest(spots, MOST_CANDIDATES)
-        features = self._lens.to_normalised(candidates.pixels)
-        match = self._identifier.identify(features, candidates.mass, allow_partial=False)
-        if match == "few_spots":
-            return replace(nothing, cause="few_leds", spots=len(spots))
-        if isinstance(match, str):
-            return replace(nothing, cause="not_identified", spots=len(spots))
-        found = self._measured(nothing, spots, features[list(match.spot_of_led)], match.state)
-        return found if found is not None else replace(nothing, cause="residual", spots=len(spots))
+        partial = self._failures >= _PARTIAL_AFTER and self._settings.method == "davpc"
+        match = self._identifier.identify(
+            self._lens.to_normalised(candidates.pixels), candidates.mass, allow_partial=partial
+        )
+        found = self._taken(candidates, list(match.spot_of_led), match.state) if isinstance(match, Match) else None
+        if found is None:
+            self._failures += 1
+            cause = "residual" if isinstance(match, Match) else _CAUSES[match]
+            return replace(nothing, cause=cause, spots=len(spots))
+        self._failures = 0
+        partial = bool(np.isnan(found.features).any())
+        to_confirm = _CONFIRM_PARTIAL if partial else _CONFIRM_FULL
+        if self._settings.method == "paper":
+            to_confirm = 0
+        self._track = _Track(nothing.capture_ns, found.fitted.state, found.features, found.mass, to_confirm)
+        return self._report(nothing, found, confirmed=to_confirm == 0)
 
-    def _measured(self, nothing: Detection, spots: Spots, features: Array, start: Array) -> Detection | None:
-        """The fitted detection; None if the features do not fit the array."""
+    def _taken(self, spots: Spots, chosen: list[int], start: Array) -> Followed | None:
+        """The chosen spots (−1: none) fitted; None if they are not the array."""
+        used = np.array(chosen) >= 0
+        features = np.where(used[:, None], self._lens.to_normalised(spots.pixels)[chosen], np.nan)
         fitted = fit_one(self._model, features, start)
-        if fitted is None:
+        if fitted is None or self._residual_px(fitted) > self._settings.identification_residual_px:
             return None
-        residual_px = float(np.sqrt(np.nanmean(fitted.residual**2))) * self._focal_px
-        if residual_px > self._config.estimator.identification_residual_px:
-            return None
-        self._track = _Track(nothing.capture_ns, features, _state(fitted))
+        return Followed(features, fitted, np.where(used, spots.mass[chosen], np.nan), len(spots))
+
+    def _residual_px(self, fitted: PlanarFit) -> float:
+        return float(np.sqrt(np.nanmean(fitted.residual**2))) * self._focal_px
+
+    def _report(self, nothing: Detection, found: Followed, confirmed: bool) -> Detection:
+        fitted = found.fitted
         return replace(
             nothing,
-            valid=True,
-            cause="ok",
-            features=features,
-            spots=len(spots),
-            leds_seen=int(np.isfinite(features[:, 0]).sum()),
+            valid=confirmed,
+            cause="ok" if confirmed else "confirming",
+            features=found.features,
+            features_level=levelled(found.features, fitted.pitch_rad, fitted.roll_rad),
+            spots=found.spots,
+            leds_seen=int(np.isfinite(found.features[:, 0]).sum()),
             pose=fitted.pose,
             pitch_rad=fitted.pitch_rad,
             roll_rad=fitted.roll_rad,
             covariance=fitted.covariance,
-            residual_px=residual_px,
+            residual_px=self._residual_px(fitted),
         )
-
-
-def _state(fitted: PlanarFit) -> Array:
-    return np.array([*fitted.pose.as_array(), fitted.pitch_rad, fitted.roll_rad])

@@ -2,7 +2,8 @@
 
 Model: eq. (featurepoint), then the camera's own tilt away from its mounting, then eq. (depthscale). A planar
 fit without the tilt takes 0.3° of pitch for tens of centimetres of distance; with it as a state under a prior
-the same pitch costs a few. Many hypotheses are fitted at once: identification needs it, tracking fits one.
+the same pitch costs a few. Many hypotheses are fitted at once, as identification needs it;
+:mod:`follower.estimator.single_fit` does the same for one, several times faster.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from common.geometry import Array, Pose2, wrap_angle
+from common.geometry import Array
 
-_NEAREST_M = 0.05
-_MAX_STEP = np.array([1.5, 1.5, 0.5, 0.1, 0.1])
+NEAREST_M = 0.05
+CONVERGED = 1e-4
+MAX_STEP = np.array([1.5, 1.5, 0.5, 0.1, 0.1])
 
 
 @dataclass(frozen=True)
@@ -54,39 +56,12 @@ class Fits:
     in_front: NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class PlanarFit:
-    """One fitted pose of {L} in {F}, with the camera's tilt, (3, 3) covariance of x, y, θ and residuals."""
-
-    pose: Pose2
-    pitch_rad: float
-    roll_rad: float
-    covariance: Array
-    covariance5: Array
-    chi2: float
-    residual: Array
-
-
 def project(model: FitModel, states: Array) -> tuple[Array, Array, Array]:
     """Features of states (K, 5): ``(features (K, n, 2), Jacobian (K, n, 2, 5), depth (K, n))``."""
-    ideal, about_theta = _ideal_points(model, states)
-    x, y, z = ideal
-    x_theta, z_theta = about_theta
-    cp, sp = np.cos(states[:, 3:4]), np.sin(states[:, 3:4])
-    cr, sr = np.cos(states[:, 4:5]), np.sin(states[:, 4:5])
-    y1, z1 = y * cp + z * sp, z * cp - y * sp
-    x2, y2 = x * cr + y1 * sr, y1 * cr - x * sr
-    safe = np.maximum(z1, _NEAREST_M)
-    features = np.stack([x2 / safe, y2 / safe], axis=2)
-    # columns: derivatives of the tilted point's coordinates by x, y, θ, pitch, roll
-    zero = np.zeros_like(x)
-    dx2 = np.stack([sp * sr + zero, zero - cr, x_theta * cr + z_theta * sp * sr, z1 * sr, y2], axis=2)
-    dy2 = np.stack([sp * cr + zero, zero + sr, z_theta * sp * cr - x_theta * sr, z1 * cr, -x2], axis=2)
-    dz = np.stack([cp + zero, zero, z_theta * cp, -y1, zero], axis=2)
-    jacobian = np.empty((*x.shape, 2, 5))
-    jacobian[:, :, 0] = (dx2 - features[:, :, 0:1] * dz) / safe[:, :, None]
-    jacobian[:, :, 1] = (dy2 - features[:, :, 1:2] * dz) / safe[:, :, None]
-    return features, jacobian, z1
+    image, jacobian, depth = _image(model, states)
+    count, leds = depth.shape
+    features = image.reshape(count, 2, leds).transpose(0, 2, 1)
+    return features, jacobian.reshape(count, 2, leds, 5).transpose(0, 2, 1, 3), depth
 
 
 def fit(model: FitModel, features: Array, start: Array, iterations: int = 6) -> Fits:
@@ -96,71 +71,80 @@ def fit(model: FitModel, features: Array, start: Array, iterations: int = 6) -> 
         model: array, camera and weights.
         features: (K, n, 2) normalised, NaN where a LED is not seen.
         start: (K, 5) initial states.
-        iterations: Gauss–Newton steps; it ends earlier when every step is below a micrometre.
+        iterations: Gauss–Newton steps; it ends earlier when a step is below 1e-4: the next would not show.
     """
     states = start.astype(np.float64, copy=True)
     seen = np.isfinite(features[:, :, 0])
-    measured = np.where(seen[:, :, None], features, 0.0)
-    weight = np.where(seen, 1.0 / model.sigma**2, 0.0)
+    both = np.concatenate([seen, seen], axis=1)
+    measured = np.concatenate([features[:, :, 0], features[:, :, 1]], axis=1)
+    measured[~both] = 0.0
+    weight = both / model.sigma**2
     prior = np.array([0.0, 0.0, 0.0, 1.0, 1.0]) / model.tilt_sigma_rad**2
     for _ in range(iterations):
-        predicted, jacobian, _ = project(model, states)
-        information, gradient = _normal_equations(measured - predicted, jacobian, weight, prior, states)
-        step = np.clip(np.linalg.solve(information, gradient[:, :, None])[:, :, 0], -_MAX_STEP, _MAX_STEP)
+        image, jacobian, _ = _image(model, states)
+        information, gradient = _normal_equations(measured - image, jacobian, weight, prior, states)
+        step = np.linalg.solve(information, gradient)[:, :, 0]
+        np.minimum(np.maximum(step, -MAX_STEP, out=step), MAX_STEP, out=step)
         states += step
-        if np.abs(step).max(initial=0.0) < 1e-6:
+        if np.abs(step).max(initial=0.0) < CONVERGED:
             break
-    predicted, jacobian, depth = project(model, states)
-    error = measured - predicted
+    image, jacobian, depth = _image(model, states)
+    error = measured - image
     information, _ = _normal_equations(error, jacobian, weight, prior, states)
-    squared = (error**2).sum(axis=2)
+    squared = error**2
+    leds = depth.shape[1]
     return Fits(
         states=states,
         covariance=np.asarray(np.linalg.inv(information), dtype=np.float64),
         chi2=(squared * weight).sum(axis=1) + (states**2 * prior).sum(axis=1),
-        residual=np.where(seen, np.sqrt(squared), np.nan),
-        in_front=np.asarray((depth > _NEAREST_M).all(axis=1)),
+        residual=np.where(seen, np.sqrt(squared[:, :leds] + squared[:, leds:]), np.nan),
+        in_front=np.asarray((depth > NEAREST_M).all(axis=1)),
     )
 
 
-def fit_one(model: FitModel, features: Array, start: Array) -> PlanarFit | None:
-    """Fit one hypothesis, features (n, 2) with NaN where not seen; None where it left the camera's view."""
-    fits = fit(model, features[None], start[None])
-    if not fits.in_front[0]:
-        return None
-    x, y, theta, pitch, roll = (float(value) for value in fits.states[0])
-    covariance = fits.covariance[0]
-    return PlanarFit(
-        Pose2(x, y, wrap_angle(theta)),
-        pitch,
-        roll,
-        covariance[:3, :3],
-        covariance,
-        float(fits.chi2[0]),
-        fits.residual[0],
-    )
-
-
-def _ideal_points(model: FitModel, states: Array) -> tuple[tuple[Array, Array, Array], tuple[Array, Array]]:
-    """Points in an untilted {C}, eq. (featurepoint), each (K, n), and derivatives of X and Z by θ."""
+def _image(model: FitModel, states: Array) -> tuple[Array, Array, Array]:
+    """Coordinates (K, 2n), all α then all β, their Jacobian (K, 2n, 5) and the depths (K, n)."""
     t_x, t_y, t_z = model.camera_xyz_m
     points = model.points_l
+    leds = len(points)
     c, s = np.cos(states[:, 2:3]), np.sin(states[:, 2:3])
+    cp, sp = np.cos(states[:, 3:4]), np.sin(states[:, 3:4])
+    cr, sr = np.cos(states[:, 4:5]), np.sin(states[:, 4:5])
+    # eq. (featurepoint), untilted
     forward = points[:, 0] * c - points[:, 1] * s
     left = points[:, 0] * s + points[:, 1] * c
-    x = t_y - states[:, 1:2] - left
-    y = np.broadcast_to(t_z - points[:, 2], x.shape)
-    z = states[:, 0:1] - t_x + forward
-    return (x, y, z), (-forward, -left)
+    x = (t_y - states[:, 1:2]) - left
+    y = t_z - points[:, 2]
+    z = (states[:, 0:1] - t_x) + forward
+    # the camera's tilt: pitch, then roll
+    y1, depth = y * cp + z * sp, z * cp - y * sp
+    x2, y2 = x * cr + y1 * sr, y1 * cr - x * sr
+    inverse = 1.0 / np.maximum(depth, NEAREST_M)
+    image = np.concatenate([x2 * inverse, y2 * inverse], axis=1)
+    alpha, beta = image[:, :leds], image[:, leds:]
+    # derivatives by x, y, θ, pitch, roll; those of X and Z by θ are −forward and −left
+    jacobian = np.empty((len(states), 2 * leds, 5))
+    top, bottom = jacobian[:, :leds], jacobian[:, leds:]
+    top[:, :, 0] = (sp * sr - alpha * cp) * inverse
+    bottom[:, :, 0] = (sp * cr - beta * cp) * inverse
+    top[:, :, 1] = -cr * inverse
+    bottom[:, :, 1] = sr * inverse
+    top[:, :, 2] = (left * (alpha * cp - sp * sr) - forward * cr) * inverse
+    bottom[:, :, 2] = (left * (beta * cp - sp * cr) + forward * sr) * inverse
+    lift = y1 * inverse
+    top[:, :, 3] = alpha * lift + sr * depth * inverse
+    bottom[:, :, 3] = beta * lift + cr * depth * inverse
+    top[:, :, 4] = beta
+    bottom[:, :, 4] = -alpha
+    return image, jacobian, depth
 
 
 def _normal_equations(
     error: Array, jacobian: Array, weight: Array, prior: Array, states: Array
 ) -> tuple[Array, Array]:
-    count, points = weight.shape
-    stacked = jacobian.reshape(count, points * 2, 5)
-    weighted = stacked * np.repeat(weight, 2, axis=1)[:, :, None]
-    information = np.matmul(weighted.transpose(0, 2, 1), stacked)
-    information[:, range(5), range(5)] += prior
-    gradient = np.matmul(weighted.transpose(0, 2, 1), error.reshape(count, points * 2, 1))[:, :, 0]
-    return information, gradient - prior * states
+    weighted = (jacobian * weight[:, :, None]).transpose(0, 2, 1)
+    information = weighted @ jacobian
+    information.reshape(len(states), 25)[:, ::6] += prior
+    gradient = weighted @ error[:, :, None]
+    gradient[:, :, 0] -= prior * states
+    return information, gradient

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
@@ -15,6 +16,8 @@ from common.geometry import Array
 Weighting = Literal["paper", "above_threshold"]
 SATURATED = 250
 _PEAK_FRACTION = 0.4
+_SPLIT_FRACTIONS = (0.55, 0.75, 0.9)
+_LONG = 1.4
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,13 @@ def find_spots_near(image: Image, centres: Array, half_px: int, rule: SpotRule) 
     return _gather(rows)
 
 
+def background(image: Image) -> tuple[float, float]:
+    """Median grey level of a sparse sample, and the saturated part of it, 0 … 1."""
+    counts = np.bincount(image[16::32, 16::32].ravel(), minlength=256).cumsum()
+    total = int(counts[-1])
+    return float(np.searchsorted(counts, total // 2, side="right")), 1.0 - float(counts[SATURATED - 1]) / total
+
+
 def brightest(spots: Spots, count: int) -> Spots:
     """The ``count`` spots of the greatest mass, in their order."""
     if len(spots) <= count:
@@ -99,18 +109,40 @@ def brightest(spots: Spots, count: int) -> Spots:
 def _spots_in(image: Image, window: Window, rule: SpotRule) -> Iterable[_Row]:
     left, top, right, bottom = window
     region = image[top:bottom, left:right]
-    _, mask = cv2.threshold(region, rule.threshold, 255, cv2.THRESH_BINARY)
-    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-    for contour in contours:
-        x, y, w, h = cv2.boundingRect(contour)
+    for x, y, w, h in _components(region, rule.threshold):
         if rule.min_area_px <= w * h <= rule.max_area_px:
-            row = _measure(region[y : y + h, x : x + w], left + x, top + y, rule)
-            if row is not None:
+            box = region[y : y + h, x : x + w]
+            row = _measure(box, left + x, top + y, rule)
+            if row is not None and row[6] > _LONG and rule.weighting != "paper":
+                yield from _split(box, left + x, top + y, rule, row)
+            elif row is not None:
                 yield row
 
 
+def _components(region: Image, level: float) -> Iterable[Window]:
+    """Bounding boxes (x, y, width, height) of what is brighter than the level."""
+    _, mask = cv2.threshold(region, level, 255, cv2.THRESH_BINARY)
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    for contour in contours:
+        x, y, w, h = cv2.boundingRect(contour)
+        yield x, y, w, h
+
+
+def _split(box: Image, x0: int, y0: int, rule: SpotRule, whole: _Row) -> list[_Row]:
+    """A long spot as its parts, if a higher level parts it into one round spot or more; else as it was."""
+    for fraction in _SPLIT_FRACTIONS:
+        parts = [
+            row
+            for x, y, w, h in _components(box, fraction * whole[3])
+            if (row := _measure(box[y : y + h, x : x + w], x0 + x, y0 + y, rule)) is not None
+        ]
+        if parts and max(parts, key=lambda row: row[2])[6] <= _LONG:
+            return parts
+    return [whole]
+
+
 def _measure(box: Image, x0: int, y0: int, rule: SpotRule) -> _Row | None:
-    peak = int(box.max())
+    peak = cv2.minMaxLoc(box)[1]
     if rule.weighting == "paper":
         _, weights = cv2.threshold(box, rule.threshold, 255, cv2.THRESH_TOZERO)
     else:
@@ -125,7 +157,7 @@ def _measure(box: Image, x0: int, y0: int, rule: SpotRule) -> _Row | None:
         x0 + moments["m10"] / mass,
         y0 + moments["m01"] / mass,
         mass,
-        float(peak),
+        peak,
         float(width),
         float(height),
         _elongation(moments["mu20"] / mass, moments["mu02"] / mass, moments["mu11"] / mass),
@@ -136,8 +168,8 @@ def _elongation(xx: float, yy: float, xy: float) -> float:
     """Ratio of the principal standard deviations; a pixel's own variance 1/12 keeps thin spots finite."""
     pixel = 1.0 / 12.0
     mean = 0.5 * (xx + yy) + pixel
-    spread = float(np.hypot(0.5 * (xx - yy), xy))
-    return float(np.sqrt((mean + spread) / max(mean - spread, 1e-9)))
+    spread = math.hypot(0.5 * (xx - yy), xy)
+    return math.sqrt((mean + spread) / max(mean - spread, 1e-9))
 
 
 def _gather(rows: Iterable[_Row]) -> Spots:
@@ -147,24 +179,22 @@ def _gather(rows: Iterable[_Row]) -> Spots:
 
 def _regions(centres: Array, half_px: int, width: int, height: int) -> list[Window]:
     windows = []
-    for u, v in centres:
-        if not (np.isfinite(u) and np.isfinite(v)):
+    for u, v in centres.tolist():
+        if not (math.isfinite(u) and math.isfinite(v)):
             continue
-        left, top = max(round(u) - half_px, 0), max(round(v) - half_px, 0)
-        right, bottom = min(round(u) + half_px + 1, width), min(round(v) + half_px + 1, height)
+        left, top = max(int(u) - half_px, 0), max(int(v) - half_px, 0)
+        right, bottom = min(int(u) + half_px + 1, width), min(int(v) + half_px + 1, height)
         if left < right and top < bottom:
             windows.append((left, top, right, bottom))
     return windows
 
 
 def _join(windows: list[Window]) -> list[Window]:
+    """Windows that overlap, replaced by the one around both, until none do."""
     joined: list[Window] = []
     for window in windows:
         current = window
-        while True:
-            other = next((w for w in joined if _overlap(w, current)), None)
-            if other is None:
-                break
+        while other := next((known for known in joined if _overlap(known, current)), None):
             joined.remove(other)
             current = (
                 min(current[0], other[0]),

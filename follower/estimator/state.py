@@ -60,7 +60,7 @@ class StateEstimator:
         """The state when no frame came: the last pose, not valid."""
         nothing = np.full((len(self._config.leds.points), 2), np.nan)
         self._measured_ns = None
-        return self._state(Detection(self._frame_sequence, now_ns, False, "no_frame", nothing), now_ns)
+        return self._state(Detection(self._frame_sequence, now_ns, False, "no_frame", nothing, nothing), now_ns)
 
     def _expected(self, capture_ns: int, twist: tuple[float, float]) -> Pose2 | None:
         return self._observer.pose_at(capture_ns, *twist) if self._measured_ns is not None else None

@@ -17,8 +17,11 @@ def desired(config: Config) -> Array:
 
 
 @settings(max_examples=60, deadline=None)
-@given(x=st.floats(2.2, 9.0), y=st.floats(-1.5, 1.5), theta=st.floats(-0.8, 0.8))
-def test_exact_features_give_the_exact_heading(config: Config, x: float, y: float, theta: float) -> None:
+@given(distance=st.floats(1.3, 9.0), bearing=st.floats(-0.7, 0.7), aspect=st.floats(-0.8, 0.8))
+def test_exact_features_give_the_exact_heading(
+    config: Config, distance: float, bearing: float, aspect: float
+) -> None:
+    x, y, theta = distance * np.cos(bearing), distance * np.sin(bearing), bearing + aspect
     current = features_at(config.leds.points, Pose2(x, y, theta), config.camera.mount)
     found = theta_from_homography(current, desired(config), array_normal(config.leds.points), theta)
     assert found == pytest.approx(theta, abs=2e-3)
@@ -49,3 +52,8 @@ def test_three_features_have_no_homography(config: Config) -> None:
 def test_collinear_features_have_no_solution(config: Config) -> None:
     line = np.column_stack([np.linspace(-0.1, 0.1, 4), np.linspace(-0.3, -0.1, 4)])
     assert theta_from_homography(line, line * 1.1, array_normal(config.leds.points), None) is None
+
+
+def test_the_plane_seen_from_behind_has_no_solution(config: Config) -> None:
+    current = features_at(config.leds.points, Pose2(1.25, -1.5, 0.5), config.camera.mount)
+    assert theta_from_homography(current, desired(config), array_normal(config.leds.points), 0.5) is None

@@ -36,7 +36,10 @@ def test_an_approach_is_followed_to_the_goal(config: Config, shoot: Shoot, metho
     desired = features_at(config.leds.points, config.docking.goal(1), config.camera.mount)
     pose, twist = Pose2(8.0, 0.6, 0.12), (0.45, 0.02)
     for sequence in range(1, 120):
+        pose = move_relative(pose, *twist, 1 / 60)
         seen = perception.process(shoot(pose, sequence), sequence, sequence * PERIOD_NS, twist, desired)
+        if sequence < 8:
+            continue
         assert seen.valid, seen.cause
         assert seen.leds_seen == 4
         assert seen.pose is not None
@@ -44,7 +47,6 @@ def test_an_approach_is_followed_to_the_goal(config: Config, shoot: Shoot, metho
         assert seen.pose.theta_rad == pytest.approx(pose.theta_rad, abs=0.03)
         assert seen.features == pytest.approx(features_at(config.leds.points, pose, config.camera.mount), abs=6e-4)
         assert seen.residual_px < 0.3
-        pose = move_relative(pose, *twist, 1 / 60)
 
 
 def bad_images(config: Config) -> list[tuple[str, object]]:
@@ -54,8 +56,9 @@ def bad_images(config: Config) -> list[tuple[str, object]]:
         ("bad_frame", np.zeros((10, 10), np.uint8)),
         ("bad_frame", np.zeros((height, width), np.float64)),
         ("bad_frame", np.zeros((height, width, 3), np.uint8)),
-        ("few_leds", np.zeros((height, width), np.uint8)),
-        ("few_leds", np.full((height, width), 255, np.uint8)),
+        ("underexposed", np.zeros((height, width), np.uint8)),
+        ("few_leds", np.full((height, width), 5, np.uint8)),
+        ("overexposed", np.full((height, width), 255, np.uint8)),
     ]
 
 
@@ -66,19 +69,55 @@ def test_bad_images_are_named_never_raised(config: Config) -> None:
         assert np.isnan(seen.features).all()
 
 
-def test_after_a_jump_the_array_is_found_again(config: Config, shoot: Shoot) -> None:
+def locked(config: Config, shoot: Shoot, pose: Pose2) -> tuple[Perception, int]:
+    """A perception that has confirmed its lock at a standstill, and the number of its last frame."""
     perception = Perception(config)
-    for sequence, pose in enumerate((Pose2(4.0, 0.0, 0.0), Pose2(4.0, 0.5, 0.1)), start=1):
-        seen = perception.process(shoot(pose, sequence), sequence, sequence * PERIOD_NS, (0.0, 0.0), None)
-        assert seen.valid
-        assert seen.pose is not None
-        assert seen.pose.y_m == pytest.approx(pose.y_m, abs=0.02)
+    for sequence in range(1, 20):
+        if perception.process(shoot(pose, sequence), sequence, sequence * PERIOD_NS, (0.0, 0.0), None).valid:
+            return perception, sequence
+    raise AssertionError("no lock within 20 frames")
 
 
-def test_a_predicted_pose_serves_in_place_of_the_last_features(config: Config, shoot: Shoot) -> None:
-    perception = Perception(config)
-    perception.process(shoot(Pose2(4.0, 0.0, 0.0), 1), 1, PERIOD_NS, (0.0, 0.0), None)
-    there = Pose2(3.8, 0.3, 0.1)
-    seen = perception.process(shoot(there, 2), 2, 2 * PERIOD_NS, (0.0, 0.0), None, predicted=there)
+def test_a_lock_is_confirmed_before_it_is_used(config: Config, shoot: Shoot) -> None:
+    _, frames = locked(config, shoot, Pose2(4.0, 0.0, 0.0))
+    assert 3 <= frames <= 8
+
+
+def test_after_a_jump_nothing_is_claimed_until_found_again(config: Config, shoot: Shoot) -> None:
+    perception, last = locked(config, shoot, Pose2(4.0, 0.0, 0.0))
+    there = Pose2(4.0, 0.9, 0.2)
+    causes = []
+    for sequence in range(last + 1, last + 40):
+        seen = perception.process(shoot(there, sequence), sequence, sequence * PERIOD_NS, (0.0, 0.0), None)
+        causes.append(seen.cause)
+        if seen.valid:
+            break
+    assert seen.pose is not None
+    assert seen.pose.y_m == pytest.approx(0.9, abs=0.02)
+    assert causes[0] == "coasting"
+    assert len(causes) <= 30
+
+
+def test_a_predicted_pose_serves_in_place_of_dead_reckoning(config: Config, shoot: Shoot) -> None:
+    perception, last = locked(config, shoot, Pose2(4.0, 0.0, 0.0))
+    dark = shoot(Pose2(-4.0, 0.0, 0.0), last + 1)
+    unseen = perception.process(dark, last + 1, (last + 1) * PERIOD_NS, (0.0, 0.0), None)
+    assert unseen.cause == "coasting"
+    there, now = Pose2(3.8, 0.3, 0.1), last + 2
+    seen = perception.process(shoot(there, now), now, now * PERIOD_NS, (0.0, 0.0), None, predicted=there)
     assert seen.valid
     assert seen.spots == 4
+
+
+def test_a_frozen_camera_is_named(config: Config, shoot: Shoot) -> None:
+    pose = Pose2(4.0, 0.0, 0.0)
+    perception, last = locked(config, shoot, pose)
+    still = shoot(pose, 999)
+    causes = [perception.process(still, n, n * PERIOD_NS, (0.3, 0.0), None).cause for n in range(last + 1, last + 5)]
+    assert causes == ["ok", "ok", "frozen_camera", "frozen_camera"]
+
+
+def test_a_frame_out_of_order_is_stale(config: Config, shoot: Shoot) -> None:
+    perception, last = locked(config, shoot, Pose2(4.0, 0.0, 0.0))
+    seen = perception.process(shoot(Pose2(4.0, 0.0, 0.0), 9), 9, last * PERIOD_NS, (0.0, 0.0), None)
+    assert (seen.valid, seen.cause) == (False, "stale_frame")

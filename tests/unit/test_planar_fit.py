@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from common.config import Config
 from common.geometry import Pose2, features_at
-from follower.estimator.planar_fit import FitModel, fit, fit_one, project
+from follower.estimator.planar_fit import FitModel, fit, project
+from follower.estimator.single_fit import features_of, fit_one, levelled
 
 SIGMA = 0.2 / 369.5
 
@@ -96,3 +97,28 @@ def test_a_missing_led_still_gives_the_pose(config: Config) -> None:
 def test_a_fit_that_leaves_the_view_is_refused(config: Config) -> None:
     features = np.array([[9.0, 9.0], [-9.0, 9.0], [9.0, -9.0], [-9.0, -9.0]])
     assert fit_one(model(config), features, np.array([-3.0, 0.0, 0.0, 0.0, 0.0])) is None
+
+
+@settings(max_examples=30, deadline=None)
+@given(x=st.floats(1.3, 9.0), y=st.floats(-1.0, 1.0), theta=st.floats(-0.7, 0.7), seed=st.integers(0, 99))
+def test_one_and_many_agree(config: Config, x: float, y: float, theta: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    truth = np.array([x, y, theta, *rng.normal(0.0, 0.01, 2)])
+    features = project(model(config), truth[None])[0] + rng.normal(0.0, SIGMA, (1, 4, 2))
+    start = truth + rng.normal(0.0, 0.03, 5)
+    many = fit(model(config), features, start[None], iterations=12)
+    one = fit_one(model(config), features[0], start, iterations=12)
+    assert one is not None
+    assert features_of(model(config), truth) == pytest.approx(project(model(config), truth[None])[0][0], abs=1e-12)
+    assert one.state == pytest.approx(many.states[0], abs=2e-4)
+    assert one.chi2 == pytest.approx(float(many.chi2[0]), rel=1e-3, abs=1e-3)
+    assert one.covariance == pytest.approx(many.covariance[0, :3, :3], rel=0.02, abs=1e-12)
+    assert one.residual == pytest.approx(many.residual[0], abs=1e-6)
+
+
+def test_levelled_features_are_those_of_an_untilted_camera(config: Config) -> None:
+    tilted = features_of(model(config), np.array([4.0, 0.5, 0.2, 0.03, -0.04]))
+    level = features_of(model(config), np.array([4.0, 0.5, 0.2, 0.0, 0.0]))
+    assert levelled(tilted, 0.03, -0.04) == pytest.approx(level, abs=1e-12)
+    tilted[1] = np.nan
+    assert np.isnan(levelled(tilted, 0.03, -0.04)[1]).all()

@@ -1,0 +1,200 @@
+"""``davpc experiment perception``: named scenes, 8 → 1.5 m, and both routes to the pose beside the bound.
+
+``run`` writes ``results.json`` (rows of method, case, metrics), ``perception.md`` and one picture a scene with the
+detections drawn.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from common.config import Config, default_config_path, load_config
+from common.frame_ring import Image
+from common.geometry import Pose2
+from experiments.approach import PERIOD_NS, RATE_HZ, Look, approach
+from experiments.pose_bound import pose_bound, theta_errors
+from follower.estimator.pipeline import Perception
+from sim.optics import Optics
+from sim.scenes import SCENES, named_scene
+
+BANDS_M = ((8.5, 6.0), (6.0, 4.0), (4.0, 2.5), (2.5, 1.0))
+BOUND_DISTANCES_M = (1.5, 3.0, 6.0, 9.0)
+REFERENCE_SIGMA_PX = 0.2
+_LOSS_FRAMES = round(0.1 * RATE_HZ)
+_ENOUGH_LEDS = 3
+Row = dict[str, Any]
+
+
+def run(
+    out: Path,
+    config: Config | None = None,
+    seeds: int = 20,
+    scenes: Sequence[str] = tuple(SCENES),
+    trials: int = 1000,
+) -> dict[str, Any]:
+    """Run every scene with every seed and write what came of it.
+
+    Args:
+        out: folder for the results; made if missing.
+        config: the robots; None: the default configuration.
+        seeds: approaches per scene.
+        scenes: names from :data:`sim.scenes.SCENES`.
+        trials: noisy images per distance of the comparison with the bound.
+    """
+    robots = config if config is not None else load_config(default_config_path())
+    out.mkdir(parents=True, exist_ok=True)
+    optics = Optics(robots.camera, robots.leds, seed=1)
+    rows: list[Row] = []
+    for name in scenes:
+        looks = [
+            list(approach(robots, optics, Perception(robots), named_scene(name, seed), seed)) for seed in range(seeds)
+        ]
+        rows.append({"method": robots.estimator.method, "case": name, "metrics": scene_metrics(looks)})
+        rows += _band_rows(robots, name, looks)
+        _write_picture(out / f"scene_{name}.png", optics, robots, looks[0][len(looks[0]) // 3])
+    for error in theta_errors(robots, BOUND_DISTANCES_M, REFERENCE_SIGMA_PX, trials, seed=0):
+        metrics = {
+            "bound_deg": error.bound_deg,
+            "planar_fit_deg": error.planar_fit_deg,
+            "ratio": error.planar_fit_deg / error.bound_deg,
+            "homography_deg": error.homography_deg,
+            "homography_over_15_deg_percent": error.homography_gross_percent,
+        }
+        rows.append({"method": "theta_bound", "case": f"{error.distance_m:g} m", "metrics": metrics})
+    results = {"experiment": "perception", "seeds": seeds, "sigma_px": REFERENCE_SIGMA_PX, "rows": rows}
+    (out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    (out / "perception.md").write_text(_markdown(rows), encoding="utf-8")
+    return results
+
+
+def scene_metrics(approaches: Sequence[Sequence[Look]]) -> dict[str, float]:
+    """Counts over all approaches of one scene.
+
+    ``losses`` are invalid stretches longer than 100 ms after the first lock, ``losses_leds_visible`` those that began
+    with three LEDs or more in sight; ``late_flags`` valid frames that use LEDs nobody could see; ``relock_max_s`` the
+    longest time from LEDs in sight again to the next valid frame.
+    """
+    locks = [_first_lock(looks) for looks in approaches]
+    gaps = [gap for looks, lock in zip(approaches, locks, strict=True) for gap in _gaps(looks, lock)]
+    relocks = [(visible_frames - 1) / RATE_HZ for _, visible_frames, length in gaps if length > _LOSS_FRAMES]
+    every = [look for looks in approaches for look in looks]
+    found = [lock / RATE_HZ for lock in locks if lock is not None]
+    return {
+        "frames": len(every),
+        "valid_percent": 100.0 * sum(look.detection.valid for look in every) / len(every),
+        "never_locked": locks.count(None),
+        "lock_median_s": float(np.median(found)) if found else math.nan,
+        "lock_max_s": max(found, default=math.nan),
+        "losses": sum(length > _LOSS_FRAMES for _, _, length in gaps),
+        "losses_leds_visible": sum(length > _LOSS_FRAMES and begun for begun, _, length in gaps),
+        "relock_max_s": max(relocks, default=0.0),
+        "late_flags": sum(
+            look.detection.leds_seen > int(look.visible.sum()) for look in every if look.detection.valid
+        ),
+        "wrong_led_frames": sum(look.detection.valid and look.wrong_leds > 0 for look in every),
+        "false_locks": sum(look.false_lock for look in every),
+    }
+
+
+def _first_lock(looks: Sequence[Look]) -> int | None:
+    return next((row for row, look in enumerate(looks) if look.detection.valid), None)
+
+
+def _gaps(looks: Sequence[Look], lock: int | None) -> list[tuple[bool, int, int]]:
+    """Invalid stretches: whether enough LEDs were in sight as it began, frames in sight at its end, its length."""
+    gaps = []
+    start: int | None = None
+    for row in range(lock if lock is not None else len(looks), len(looks)):
+        valid = looks[row].detection.valid
+        if not valid and start is None:
+            start = row
+        if start is not None and (valid or row == len(looks) - 1):
+            in_sight = [int(look.visible.sum()) >= _ENOUGH_LEDS for look in looks[start : row + 1]]
+            tail = in_sight[::-1].index(False) if False in in_sight else len(in_sight)
+            gaps.append((in_sight[0], tail, row - start))
+            start = None
+    return gaps
+
+
+def _band_rows(config: Config, name: str, approaches: Sequence[Sequence[Look]]) -> list[Row]:
+    rows: list[Row] = []
+    for far, near in BANDS_M:
+        looks = [
+            look
+            for looks in approaches
+            for look in looks
+            if look.detection.valid and near <= look.view.relative.x_m < far
+        ]
+        if not looks:
+            continue
+        truth = np.array([look.view.relative.as_array() for look in looks])
+        poses = np.array([_pose(look).as_array() for look in looks])
+        error = poses - truth
+        decomposed = [
+            look.detection.theta_homography_rad - look.view.relative.theta_rad
+            for look in looks
+            if look.detection.theta_homography_rad is not None
+        ]
+        middle = pose_bound(config, Pose2(0.5 * (far + near), 0.0, 0.0), REFERENCE_SIGMA_PX)
+        metrics = {
+            "frames": len(looks),
+            "x_rms_cm": 100.0 * _rms(error[:, 0]),
+            "y_rms_cm": 100.0 * _rms(error[:, 1]),
+            "theta_rms_deg": math.degrees(_rms(error[:, 2])),
+            "theta_homography_rms_deg": math.degrees(_rms(np.array(decomposed))) if decomposed else math.nan,
+            "theta_bound_deg": math.degrees(middle[2]),
+        }
+        rows.append({"method": "pose", "case": f"{name} {far:g}–{near:g} m", "metrics": metrics})
+    return rows
+
+
+def _pose(look: Look) -> Pose2:
+    if look.detection.pose is None:
+        raise ValueError(f"frame {look.view.frame_sequence} is valid without a pose")
+    return look.detection.pose
+
+
+def _rms(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _write_picture(path: Path, optics: Optics, config: Config, look: Look) -> None:
+    """The frame again, brightened, with the truth as circles and what was detected as crosses."""
+    image: Image = np.zeros((config.camera.height_px, config.camera.width_px), np.uint8)
+    optics.render(image, look.view)
+    canvas = cv2.cvtColor(cv2.convertScaleAbs(image, alpha=1.5), cv2.COLOR_GRAY2BGR)
+    for u, v in np.rint(look.leds_px).astype(int):
+        cv2.circle(canvas, (int(u), int(v)), 14, (90, 90, 255), 1, cv2.LINE_AA)
+    pixels = config.camera.pinhole.to_pixels(look.detection.features)
+    for led, (u, v) in enumerate(pixels):
+        if np.isfinite(u):
+            at = (round(float(u)), round(float(v)))
+            cv2.drawMarker(canvas, at, (80, 255, 80), cv2.MARKER_CROSS, 22, 1, cv2.LINE_AA)
+            cv2.putText(canvas, str(led), (at[0] + 12, at[1] - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (80, 255, 80), 1)
+    seconds = look.view.frame_sequence * PERIOD_NS * 1e-9
+    text = f"{look.view.scene.name}  {seconds:.2f} s  {look.view.relative.x_m:.2f} m  {look.detection.cause}"
+    cv2.putText(canvas, text, (16, 36), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (255, 255, 255), 1, cv2.LINE_AA)
+    if not cv2.imwrite(str(path), canvas):
+        raise OSError(f"{path}: picture could not be written")
+
+
+def _markdown(rows: Sequence[Row]) -> str:
+    """One table per kind of row."""
+    parts = []
+    for kind in dict.fromkeys(row["method"] for row in rows):
+        chosen = [row for row in rows if row["method"] == kind]
+        names = list(chosen[0]["metrics"])
+        parts.append(f"| {kind} | " + " | ".join(names) + " |\n|---|" + "---:|" * len(names))
+        parts += [
+            f"| {row['case']} | " + " | ".join(f"{row['metrics'][name]:.4g}" for name in names) + " |"
+            for row in chosen
+        ]
+        parts.append("")
+    return "\n".join(parts) + "\n"

@@ -1,0 +1,91 @@
+"""A folder of images or a video file in place of a camera, at the configured rate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from common.channels import Channel
+from common.frame_ring import Image
+from common.frame_source import Capture
+from common.node import DeviceError, Inbox, NodeContext, Trigger
+from common.timing import NS_PER_S
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
+
+
+class ReplaySource:
+    """Frame k at k periods after the first grab; after the last there are no more frames."""
+
+    inputs: tuple[Channel[Any], ...] = ()
+
+    def __init__(self, context: NodeContext) -> None:
+        self._camera = context.config.camera
+        self._path = Path(self._camera.device)
+        self._period_ns = round(NS_PER_S / self._camera.rate_hz)
+        self.trigger = Trigger(period_ns=self._period_ns)
+        self._files: list[Path] = []
+        self._video: cv2.VideoCapture | None = None
+        self._due_ns: int | None = None
+
+    def open(self) -> None:
+        """Find the images.
+
+        Raises:
+            DeviceError: there is no such folder or file, or no image in it.
+        """
+        self.close()
+        if not self._camera.device:
+            raise DeviceError("camera.device: name a folder of images or a video file to replay")
+        if self._path.is_dir():
+            self._files = sorted(path for path in self._path.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+            if not self._files:
+                raise DeviceError(f"{self._path}: no images ({', '.join(IMAGE_SUFFIXES)}) in this folder")
+            return
+        video = cv2.VideoCapture(str(self._path)) if self._path.is_file() else None
+        if video is None or not video.isOpened():
+            raise DeviceError(f"{self._path}: neither a folder of images nor a video that OpenCV can read")
+        self._video = video
+
+    def grab(self, now_ns: int, inputs: Inbox, image: Image) -> Capture | None:  # noqa: ARG002 - files only
+        """The next image once its time has come."""
+        if self._due_ns is None:
+            self._due_ns = now_ns
+        if now_ns < self._due_ns:
+            return None
+        pixels = self._next()
+        if pixels is None:
+            return None
+        origin, grey = pixels
+        if grey.shape != image.shape:
+            raise DeviceError(
+                f"{origin}: image of {grey.shape[1]}×{grey.shape[0]}, camera.width_px and height_px say "
+                f"{image.shape[1]}×{image.shape[0]}"
+            )
+        np.copyto(image, grey)
+        capture_ns, self._due_ns = self._due_ns, self._due_ns + self._period_ns
+        return Capture(capture_ns, self._camera.exposure_us, self._camera.gain, f"replay:{self._path.name}")
+
+    def close(self) -> None:
+        """Forget the files; opened again, it begins anew."""
+        if self._video is not None:
+            self._video.release()
+        self._video = None
+        self._files = []
+        self._due_ns = None
+
+    def _next(self) -> tuple[Path, Image] | None:
+        """The next image in grey; None at the end."""
+        if self._video is not None:
+            done, frame = self._video.read()
+            return (self._path, np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), np.uint8)) if done else None
+        if not self._files:
+            return None
+        path = self._files.pop(0)
+        grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        if grey is None:
+            raise DeviceError(f"{path}: not an image that OpenCV can read")
+        return path, np.asarray(grey, np.uint8)

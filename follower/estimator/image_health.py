@@ -1,0 +1,65 @@
+"""Is there an image at all: size, type, order in time, exposure, and a camera that repeats itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.frame_ring import Image
+from common.geometry import Array
+from common.messages import StateCause
+from follower.estimator.spots import background
+
+_WHITE_PART = 0.05
+_DARKEST = 0.5
+_FROZEN_FRAMES = 3
+
+
+@dataclass(frozen=True)
+class ImageReport:
+    """``cause`` if the image cannot be used, ``exposure`` if it is badly lit, its median grey level."""
+
+    cause: StateCause | None = None
+    exposure: StateCause | None = None
+    background: float = 0.0
+
+
+class ImageHealth:
+    """Looks at each frame before its spots are searched; remembers the last frame's sparse rows."""
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._shape = shape
+        self._capture_ns = -1
+        self._rows: Image | None = None
+        self._features: Array | None = None
+        self._same_rows = False
+        self._repeats = 0
+
+    def look(self, image: Image | None, capture_ns: int) -> ImageReport:
+        """Judge one frame, in order of arrival."""
+        if image is None:
+            return ImageReport(cause="no_frame")
+        if image.shape != self._shape or image.dtype != np.uint8:
+            return ImageReport(cause="bad_frame")
+        if capture_ns <= self._capture_ns:
+            return ImageReport(cause="stale_frame")
+        self._capture_ns = capture_ns
+        rows = image[8::64].copy()
+        self._same_rows = self._rows is not None and np.array_equal(rows, self._rows)
+        self._rows = rows
+        level, white = background(image)
+        exposure: StateCause | None = None
+        if white > _WHITE_PART:
+            exposure = "overexposed"
+        elif level <= _DARKEST and not rows.any():
+            exposure = "underexposed"
+        return ImageReport(exposure=exposure, background=level)
+
+    def frozen(self, features: Array) -> bool:
+        """Whether pixels and features have now been the very same in so many frames: no sensor does that."""
+        before, self._features = self._features, features
+        seen = bool(np.isfinite(features).any())
+        same = before is not None and np.array_equal(features, before, equal_nan=True)
+        self._repeats = self._repeats + 1 if self._same_rows and seen and same else 0
+        return self._repeats >= _FROZEN_FRAMES - 1

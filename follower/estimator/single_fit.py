@@ -1,0 +1,152 @@
+"""The fit of :mod:`follower.estimator.planar_fit` for one hypothesis, in plain floats.
+
+Four LEDs are too few for array operations to pay: this takes a quarter of the time, once per frame.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.geometry import Array, Pose2, wrap_angle
+from follower.estimator.planar_fit import CONVERGED, MAX_STEP, NEAREST_M, FitModel
+
+_STEPS = tuple(float(step) for step in MAX_STEP)
+_Rows = tuple[list[float], list[float], float, float, float]
+
+
+@dataclass(frozen=True)
+class PlanarFit:
+    """One fitted pose of {L} in {F}.
+
+    Attributes:
+        pose: x, y [m], θ [rad].
+        pitch_rad, roll_rad: camera tilt away from its mounting, up and right side down.
+        covariance: (3, 3) of x, y, θ.
+        chi2: weighted squared residuals, the prior's included.
+        residual: (n,) distance between measured and modelled feature, normalised; NaN where not seen.
+    """
+
+    pose: Pose2
+    pitch_rad: float
+    roll_rad: float
+    covariance: Array
+    chi2: float
+    residual: Array
+
+    @property
+    def state(self) -> Array:
+        """x, y, θ, pitch, roll."""
+        return np.array([self.pose.x_m, self.pose.y_m, self.pose.theta_rad, self.pitch_rad, self.roll_rad])
+
+
+def features_of(model: FitModel, state: Array) -> Array:
+    """Features (n, 2) of one state x, y, θ, pitch, roll."""
+    values, mount = state.tolist(), tuple(model.camera_xyz_m.tolist())
+    tilt = _cos_sin(values)
+    rows = [_rows(tuple(point), values, mount, tilt) for point in model.points_l.tolist()]
+    return np.array([(alpha, beta) for _, _, alpha, beta, _ in rows])
+
+
+def levelled(features: Array, pitch_rad: float, roll_rad: float) -> Array:
+    """Features (n, 2) as the camera would see them without its tilt; NaN stays NaN."""
+    cp, sp, cr, sr = math.cos(pitch_rad), math.sin(pitch_rad), math.cos(roll_rad), math.sin(roll_rad)
+    level = []
+    for alpha, beta in features.tolist():
+        right, down = alpha * cr - beta * sr, alpha * sr + beta * cr
+        ahead = cp + down * sp
+        level.append((right / ahead, (down * cp - sp) / ahead))
+    return np.array(level)
+
+
+def fit_one(model: FitModel, features: Array, start: Array, iterations: int = 6) -> PlanarFit | None:
+    """Fit one hypothesis, features (n, 2) with NaN where not seen; None where a LED left the camera's view."""
+    seen = [
+        (row, alpha, beta, tuple(point))
+        for row, ((alpha, beta), point) in enumerate(zip(features.tolist(), model.points_l.tolist(), strict=True))
+        if alpha == alpha
+    ]
+    state = start.tolist()
+    weight, prior = 1.0 / model.sigma**2, 1.0 / model.tilt_sigma_rad**2
+    mount = tuple(model.camera_xyz_m.tolist())
+    for _ in range(iterations):
+        information, gradient, _, _ = _normal_equations(seen, state, mount, weight, prior)
+        step = np.linalg.solve(information, gradient).tolist()
+        step = [min(max(delta, -most), most) for delta, most in zip(step, _STEPS, strict=True)]
+        state = [value + delta for value, delta in zip(state, step, strict=True)]
+        if max(map(abs, step)) < CONVERGED:
+            break
+    information, _, errors, nearest = _normal_equations(seen, state, mount, weight, prior)
+    if not nearest > NEAREST_M:
+        return None
+    residual = np.full(len(features), np.nan)
+    for row, square in errors:
+        residual[row] = math.sqrt(square)
+    chi2 = weight * sum(square for _, square in errors) + prior * (state[3] ** 2 + state[4] ** 2)
+    covariance = np.asarray(np.linalg.inv(information)[:3, :3], dtype=np.float64)
+    return PlanarFit(Pose2(state[0], state[1], wrap_angle(state[2])), state[3], state[4], covariance, chi2, residual)
+
+
+def _normal_equations(
+    seen: list[tuple[int, float, float, tuple[float, ...]]],
+    state: list[float],
+    mount: tuple[float, ...],
+    weight: float,
+    prior: float,
+) -> tuple[Array, Array, list[tuple[int, float]], float]:
+    """Information (5, 5), gradient (5,), squared error of each seen LED, depth of the nearest one."""
+    tilt = _cos_sin(state)
+    jacobian: list[list[float]] = []
+    error: list[float] = []
+    squares = []
+    nearest = math.inf
+    for row, alpha, beta, point in seen:
+        along, across, model_alpha, model_beta, depth = _rows(point, state, mount, tilt)
+        jacobian += [along, across]
+        error += [alpha - model_alpha, beta - model_beta]
+        squares.append((row, error[-2] ** 2 + error[-1] ** 2))
+        nearest = min(nearest, depth)
+    stacked = np.array(jacobian)
+    information = stacked.T @ stacked * weight
+    gradient = stacked.T @ np.array(error) * weight
+    for column in (3, 4):
+        information[column, column] += prior
+        gradient[column] -= prior * state[column]
+    return information, gradient, squares, nearest
+
+
+def _rows(point: tuple[float, ...], state: list[float], mount: tuple[float, ...], tilt: tuple[float, ...]) -> _Rows:
+    """Derivatives of α and of β by x, y, θ, pitch, roll, then α, β and the depth of one LED."""
+    c, s, cp, sp, cr, sr = tilt
+    forward = point[0] * c - point[1] * s
+    left = point[0] * s + point[1] * c
+    x = mount[1] - state[1] - left
+    y = mount[2] - point[2]
+    z = state[0] - mount[0] + forward
+    y1, depth = y * cp + z * sp, z * cp - y * sp
+    x2, y2 = x * cr + y1 * sr, y1 * cr - x * sr
+    inverse = 1.0 / max(depth, NEAREST_M)
+    alpha, beta = x2 * inverse, y2 * inverse
+    lift, straight = y1 * inverse, depth * inverse
+    along = [
+        (sp * sr - alpha * cp) * inverse,
+        -cr * inverse,
+        (left * (alpha * cp - sp * sr) - forward * cr) * inverse,
+        alpha * lift + sr * straight,
+        beta,
+    ]
+    across = [
+        (sp * cr - beta * cp) * inverse,
+        sr * inverse,
+        (left * (beta * cp - sp * cr) + forward * sr) * inverse,
+        beta * lift + cr * straight,
+        -alpha,
+    ]
+    return along, across, alpha, beta, depth
+
+
+def _cos_sin(state: list[float]) -> tuple[float, ...]:
+    """Cosine and sine of θ, pitch and roll."""
+    return tuple(part for angle in state[2:] for part in (math.cos(angle), math.sin(angle)))

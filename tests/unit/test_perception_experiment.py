@@ -1,0 +1,51 @@
+"""What `davpc experiment perception` and `davpc bench perception` write."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from common.config import Config
+from common.geometry import Pose2
+from experiments import bench_perception, perception
+from experiments.pose_bound import pose_bound, theta_errors
+
+
+@pytest.mark.parametrize("distance_m", [1.5, 3.0, 6.0, 9.0])
+def test_default_route_is_near_the_bound(config: Config, distance_m: float) -> None:
+    (error,) = theta_errors(config, (distance_m,), 0.2, trials=400, seed=1)
+    assert error.planar_fit_deg <= 1.3 * error.bound_deg
+    assert error.homography_deg > error.bound_deg
+
+
+def test_bound_grows_with_distance_and_noise(config: Config) -> None:
+    near = pose_bound(config, Pose2(3.0, 0.0, 0.0), 0.2)
+    far = pose_bound(config, Pose2(6.0, 0.0, 0.0), 0.2)
+    assert (far > near).all()
+    assert pose_bound(config, Pose2(3.0, 0.0, 0.0), 0.4) == pytest.approx(2 * near)
+
+
+def test_experiment_writes_rows_table_and_picture(config: Config, tmp_path: Path) -> None:
+    results = perception.run(tmp_path, config, seeds=1, scenes=("clean",), trials=20)
+    assert json.loads((tmp_path / "results.json").read_text()) == results
+    scene = results["rows"][0]
+    assert (scene["method"], scene["case"]) == ("davpc", "clean")
+    assert scene["metrics"]["losses"] == scene["metrics"]["wrong_led_frames"] == 0
+    bands = [row for row in results["rows"] if row["method"] == "pose"]
+    assert len(bands) == 4
+    assert all(row["metrics"]["theta_rms_deg"] < row["metrics"]["theta_bound_deg"] for row in bands)
+    assert "| clean |" in (tmp_path / "perception.md").read_text()
+    assert (tmp_path / "scene_clean.png").stat().st_size > 1000
+
+
+def test_bench_writes_every_method(config: Config, tmp_path: Path) -> None:
+    results = bench_perception.run(tmp_path, config, rounds=2)
+    assert json.loads((tmp_path / "results.json").read_text()) == results
+    methods = {row["method"] for row in results["rows"]}
+    assert {"plain_read", "whole_frame", "tracked", "identify", "pipeline", "aruco_36h11"} <= methods
+    assert {row["case"] for row in results["rows"] if row["method"] == "identify"} == {0, 10, 20, 30, 40}
+    assert all(math.isfinite(row["metrics"]["median_ms"]) for row in results["rows"])
+    assert "| tracked | 4 |" in (tmp_path / "bench.md").read_text()
