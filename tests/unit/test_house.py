@@ -64,6 +64,18 @@ def test_keys_and_names_are_unique() -> None:
     assert len(set(names)) == len(names)
 
 
+def test_the_architecture_shows_the_tables_as_they_are() -> None:
+    page = (ROOT / "ARCHITECTURE.md").read_text()
+    for entry in PROCESSES:
+        assert f"| {entry.name} | {entry.robot} | {entry.rate_hz:g} | {entry.stepped_by} | {entry.priority} |" in page
+    for channel in CHANNELS:
+        rate = f"{channel.rate_hz:g}" if channel.rate_hz else "–"
+        age = f"{channel.max_age_ms:g}" if channel.max_age_ms else "–"
+        leaves = "yes" if channel.reach == "pair" else "no"
+        row = f"| {channel.key} | {channel.message.__name__} | {channel.publisher} | {rate} | {age} | {leaves} |"
+        assert row in page
+
+
 def test_motion_keys_stay_on_the_robot() -> None:
     assert all(channel.reach == "robot" for channel in CHANNELS if "/motion/" in channel.key)
 
