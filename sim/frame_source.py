@@ -6,7 +6,9 @@ from common.frame_ring import Image
 from common.frame_source import Capture
 from common.geometry import Pose2
 from common.node import Inbox, NodeContext, Trigger
+from common.timing import NS_PER_S
 from sim.optics import Optics, View
+from sim.scenes import named_scene
 from sim.world_config import world_config
 from sim.world_message import WORLD
 
@@ -19,8 +21,9 @@ class SimulatedFrameSource:
 
     def __init__(self, context: NodeContext) -> None:
         self._camera = context.config.camera
-        seed = world_config(context.config, str(context.config_path)).seed
-        self._optics = Optics(self._camera, context.config.leds, seed)
+        world = world_config(context.config, str(context.config_path))
+        self._optics = Optics(self._camera, context.config.leds, world.seed)
+        self._scene = named_scene(world.scene, world.seed)
 
     def open(self) -> None:
         """Nothing to open."""
@@ -35,9 +38,13 @@ class SimulatedFrameSource:
             world.sequence,
             relative,
             world.led_current_a,
-            v_m_s=world.v_m_s,
-            w_rad_s=world.w_rad_s,
-            time_ns=world.time_ns,
+            world.pitch_rad,
+            world.roll_rad,
+            world.v_m_s,
+            world.w_rad_s,
+            # counted from the world's start, so that lamps and walkers do the same in every run
+            round(world.sequence * NS_PER_S / self._camera.rate_hz),
+            self._scene,
         )
         self._optics.render(image, view)
         return Capture(world.time_ns, self._camera.exposure_us, self._camera.gain, "simulated")

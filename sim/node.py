@@ -97,6 +97,8 @@ class WorldNode(Node):
             theta_rad=plant.pose.theta_rad,
             v_m_s=plant.v_m_s,
             w_rad_s=plant.w_rad_s,
+            pitch_rad=plant.pitch_rad,
+            roll_rad=plant.roll_rad,
             led_current_a=tuple(plant.led_current_a),
             beam_x_m=plant.contact.beam_x_m,
             handle_force_n=plant.contact.handle_force_n,

@@ -36,6 +36,7 @@ class Plant:
         self._wheels = (follower.left_wheel, follower.right_wheel)
         self.pose = world.start_pose
         self.v_m_s = self.w_rad_s = 0.0
+        self.pitch_rad = self.roll_rad = 0.0
         self._wheel_speed = [0.0, 0.0]
         self._wheel_angle = [0.0, 0.0]
         self._grip_angle = [_GRIP_OPEN_RAD, _GRIP_OPEN_RAD]
@@ -65,6 +66,7 @@ class Plant:
         self._roll(dt_s)
         reach = self._handle_reach()
         acceleration = (self.v_m_s - v_before) / dt_s
+        self._tilt(acceleration, dt_s)
         bound = self._config.docking.lateral_bound_first_m
         self.contact.advance(reach.x_m, acceleration, reach.y_m, bound, dt_s)
         self._move_arms(dt_s)
@@ -90,6 +92,12 @@ class Plant:
         )
         for i, motor in enumerate(self._wheels):
             motor.set_measured(self._wheel_angle[i], self._wheel_speed[i], 0.0)
+
+    def _tilt(self, acceleration_m_s2: float, dt_s: float) -> None:
+        """The chassis sits back when it speeds up, and leans out of a bend."""
+        follow = 1.0 - math.exp(-dt_s / self._world.suspension_lag_s)
+        self.pitch_rad += follow * (self._world.pitch_per_m_s2 * acceleration_m_s2 - self.pitch_rad)
+        self.roll_rad += follow * (self._world.roll_per_m_s2 * self.v_m_s * self.w_rad_s - self.roll_rad)
 
     def _move_arms(self, dt_s: float) -> None:
         per_arm = self.contact.handle_force_n * self._config.arms.lever_m / 2

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from common.config import Config, NonNegative, Positive, Section, validate
 from common.geometry import Pose2, pose_from_paper_start
+from sim.scenes import named_scene
 
 
 class WorldConfig(Section):
@@ -29,7 +30,17 @@ class WorldConfig(Section):
     guide_force_n: Positive = 45.0
     stop_stiffness_n_m: Positive = 40_000.0
     lock_travel_s: Positive = 1.5
+    scene: str = "clean"
+    pitch_per_m_s2: Annotated[float, Field(ge=0, le=0.05, description="camera pitch per acceleration, rad")] = 0.004
+    roll_per_m_s2: Annotated[float, Field(ge=0, le=0.05, description="camera roll in a bend, rad")] = 0.004
+    suspension_lag_s: Positive = 0.15
     can_server_fd: int = -1
+
+    @field_validator("scene")
+    @classmethod
+    def _known_scene(cls, name: str) -> str:
+        named_scene(name)
+        return name
 
     @property
     def start_pose(self) -> Pose2:

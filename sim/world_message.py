@@ -13,7 +13,7 @@ from common.messages import STRICT, Angle, Metres, Ns, Speed
 
 @dataclass(frozen=True, config=STRICT)
 class WorldState:
-    """The world at ``time_ns``: Follower pose and twist in {L}, light, trolley and lock.
+    """The world at ``time_ns``: Follower pose and twist in {L}, camera tilt, light, trolley and lock.
 
     ``sequence`` numbers the exposures; the camera renders one frame for each.
     """
@@ -26,6 +26,8 @@ class WorldState:
     theta_rad: Angle
     v_m_s: Speed
     w_rad_s: Speed
+    pitch_rad: Angle
+    roll_rad: Angle
     led_current_a: Annotated[tuple[float, ...], Field(max_length=12)]
     beam_x_m: Metres
     handle_force_n: float

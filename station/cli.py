@@ -35,6 +35,12 @@ def sim(
     start: Annotated[
         str, typer.Option(help="Follower's start: metres behind the Leader, metres left, degrees")
     ] = "6,1.5,0",
+    scene: Annotated[
+        str,
+        typer.Option(
+            help="clean, dark_outdoor, parking_lot, glass_hall, clutter40, blocked, dead_led, second_leader"
+        ),
+    ] = "clean",
     stepped: Annotated[
         bool, typer.Option(help="one process, stepped time: deterministic, faster than real time")
     ] = False,
@@ -50,12 +56,12 @@ def sim(
     from station.progress import live_progress
 
     console = Console(force_terminal=False if headless else None, highlight=False)
-    world = [f"world.seed={seed}", f"world.start={list(_numbers(start, 3))}"]
+    world = [f"world.seed={seed}", f"world.start={list(_numbers(start, 3))}", f'world.scene="{scene}"']
     run = launcher.Run(config or default_config_path(), [*(overrides or []), *world], out)
     console.print(f"docking from {start} ({'stepped' if stepped else 'processes'}, seed {seed})")
     with live_progress(console) as run.progress:
         record, cause = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
-    settings = {"seed": seed, "start": start, "stepped": stepped, "overrides": overrides or []}
+    settings = {"seed": seed, "start": start, "scene": scene, "stepped": stepped, "overrides": overrides or []}
     results = report.write_results(record, cause, settings, out)
     drawn = figures.draw_all(record, out)
     report.print_results(results, console)
