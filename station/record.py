@@ -204,14 +204,15 @@ class DockingRecord:
                 "p99": float(np.percentile(latency, 99)) if latency is not None else None,
             },
             "control_hz": self.control_rate_hz(),
+            "rearmed": max(0, sum(name == "acquire" for name, _ in self.phases) - 1),
             "gate_interventions": self.drives.gate_interventions if self.drives else 0,
             "phases_s": self._phase_durations(),
         }
 
     def _phase_durations(self) -> dict[str, float]:
         following = [stamp for _, stamp in self.phases[1:]]
-        return {
-            name: (end_ns - start_ns) / NS_PER_S
-            for (name, start_ns), end_ns in zip(self.phases, following, strict=False)
-            if name != "idle"
-        }
+        durations: dict[str, float] = {}
+        for (name, start_ns), end_ns in zip(self.phases, following, strict=False):
+            if name != "idle":
+                durations[name] = durations.get(name, 0.0) + (end_ns - start_ns) / NS_PER_S
+        return durations

@@ -27,6 +27,9 @@ _CONFIRM_NS = NS_PER_S // 2
 _SILENT_NS = NS_PER_S // 4
 _LOCK_REPEAT_NS = NS_PER_S
 _PUSH_STROKE_SHARE = 0.8
+# what passes by itself: somebody was late
+REARMING_CAUSES = frozenset({"command_age", "valid_until", "token_age", "status_age", "arm_setpoint_age"})
+MAX_REARMED = 3
 LAST_METRE_M = 1.0
 
 
@@ -75,6 +78,7 @@ class DockingSequence:
         self._odometer_start_m: float | None = None
         self._lock_id = ""
         self._lock_asked_ns = 0
+        self._rearmed = 0
 
     @property
     def phase(self) -> Phase:
@@ -111,6 +115,7 @@ class DockingSequence:
         if self._phase != "idle":
             return Answer(request.id, "refused", f"phase is {self._phase}, not idle")
         self._trolley = request.trolley
+        self._rearmed = 0
         self._epoch += 1
         self._enter("acquire", now_ns)
         return Answer(request.id, "accepted", f"docking trolley {request.trolley}")
@@ -126,8 +131,18 @@ class DockingSequence:
             self._abort("stop_input", seen.now_ns)
         elif drives.state == "fault":
             self._abort(f"drive_fault: {drives.cause}", seen.now_ns)
-        elif self._armed and drives.state == "stopped":
-            self._abort(f"gate_stop: {drives.cause}", seen.now_ns)
+        elif self._armed and drives.state == "stopped" and drives.epoch == self._epoch:
+            self._stopped(drives.cause, seen.now_ns)
+
+    def _stopped(self, cause: str, now_ns: int) -> None:
+        """S1: the gate stopped and disarmed. While nothing is in contact, arm anew once all is well, a few times."""
+        if self._phase in ("acquire", "approach") and cause in REARMING_CAUSES and self._rearmed < MAX_REARMED:
+            self._rearmed += 1
+            self._epoch += 1
+            self._armed = False
+            self._enter("acquire", now_ns)
+        else:
+            self._abort(f"gate_stop: {cause}", now_ns)
 
     # --- phases
 

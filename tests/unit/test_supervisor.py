@@ -193,7 +193,7 @@ def test_it_does_not_push_while_off_the_goal(bench: Bench, config: Config, off: 
     [
         ({"stop_inputs_clear": False}, "stop_input"),
         ({"state": "fault", "cause": "node 1: EMCY 0x3210"}, "drive_fault: node 1: EMCY 0x3210"),
-        ({"state": "stopped", "cause": "command_age"}, "gate_stop: command_age"),
+        ({"state": "stopped", "cause": "second_writer"}, "gate_stop: second_writer"),
     ],
 )
 def test_the_drives_can_end_a_docking_in_any_phase(config: Config, changes: dict[str, Any], cause: str) -> None:
@@ -205,6 +205,28 @@ def test_the_drives_can_end_a_docking_in_any_phase(config: Config, changes: dict
         assert bench.mission is not None
         assert (bench.sequence.phase, bench.mission.cause) == ("aborted", cause)
         assert (bench.mission.armed, bench.mission.grip) == (False, "closed")
+
+
+def test_a_late_command_stops_and_the_approach_goes_on_under_a_new_epoch(bench: Bench) -> None:
+    bench.to_approach()
+    assert bench.mission is not None
+    for number in range(4):
+        epoch = bench.mission.epoch
+        assert bench.seen.drives is not None
+        bench.step(drives=replace(bench.seen.drives, state="stopped", cause="command_age"))
+        assert not bench.mission.armed
+        if number < 3:
+            assert (bench.sequence.phase, bench.mission.epoch) == ("acquire", epoch + 1)
+            assert bench.run(0.8, drives=replace(bench.seen.drives, state="disarmed", cause="")) == "approach"
+    assert bench.mission.cause == "gate_stop: command_age"
+
+
+def test_in_contact_a_late_command_ends_the_docking(bench: Bench) -> None:
+    bench.to_push()
+    assert bench.seen.drives is not None
+    bench.step(drives=replace(bench.seen.drives, state="stopped", cause="command_age"))
+    assert bench.mission is not None
+    assert (bench.sequence.phase, bench.mission.grip) == ("aborted", "closed")
 
 
 def test_silent_drives_abort(bench: Bench) -> None:
