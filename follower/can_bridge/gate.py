@@ -117,6 +117,8 @@ class Decision:
 class Gate:
     """Holds what the rules need from earlier frames: the accepted command, the last set-points, a latched rule."""
 
+    _latched: str
+
     def __init__(self, limits: LimitsConfig, base: BaseConfig, boot_id: str) -> None:
         self._v_max = min(limits.v_max_m_s, HARD_V_MAX_M_S)
         self._v_min = max(limits.v_min_m_s, HARD_V_MIN_M_S)
@@ -126,11 +128,7 @@ class Gate:
         self._radius = base.wheel_radius_m
         self._half_track = base.track_m / 2.0
         self._boot_id = boot_id
-        self._held: Command | None = None
-        self._writer: int | None = None
-        self._sequence = -1
-        self._epoch = -1
-        self._latched = ""
+        self._begin(None)
         self._last_ns: int | None = None
         self._v = 0.0
         self._w = 0.0
@@ -154,7 +152,8 @@ class Gate:
             status: newest measurement of the wheels.
             inputs: stop inputs.
         """
-        self._follow_epoch(token)
+        if token is not None and token.epoch != self._epoch:
+            self._begin(token.epoch)
         dropped = self._take(newest, token)
         jump = self._jumped(status)
         self._latched = self._latched or jump or (dropped if dropped in LATCHING else "")
@@ -171,11 +170,13 @@ class Gate:
 
     # -- taking a command
 
-    def _follow_epoch(self, token: ArmToken | None) -> None:
+    def _begin(self, epoch: int | None) -> None:
         """A new epoch forgets the old one's command, writer, sequence and latched rule."""
-        if token is not None and token.epoch != self._epoch:
-            self._epoch = token.epoch
-            self._held, self._writer, self._sequence, self._latched = None, None, -1, ""
+        self._epoch = epoch
+        self._held: Command | None = None
+        self._writer: int | None = None
+        self._sequence = -1
+        self._latched = ""
 
     def _take(self, newest: SignedCommand | None, token: ArmToken | None) -> str:
         """Hold a new command if it is genuine; the reason if it is not. Age is judged on every frame, not here."""
@@ -273,9 +274,9 @@ class Gate:
     def _cap_scale(self, v: float, w: float, token: ArmToken) -> float:
         """The factor ≤ 1 that brings v, ω and both rims within what configuration, phase and mission allow."""
         cap = PHASE_CAPS.get(token.phase, _STILL)
-        fastest = self._v_max if v > 0.0 else -self._v_min
         return min(
-            _share(v, min(fastest, cap.v_m_s, token.v_max_m_s)),
+            _share(max(v, 0.0), min(self._v_max, cap.v_m_s, token.v_max_m_s)),
+            _share(min(v, 0.0), min(-self._v_min, cap.v_m_s, token.v_max_m_s)),
             _share(w, min(self._w_max, cap.w_rad_s, token.w_max_rad_s)),
             _share(abs(v) + abs(w) * self._half_track, cap.wheel_m_s),
         )
@@ -321,7 +322,7 @@ def _beyond(setpoint: float, measured: float) -> bool:
 
     A set-point that slows down is welcome however far the measurement is.
     """
-    gap = setpoint - measured if setpoint > 0.0 else measured - setpoint
+    gap = math.copysign(1.0, setpoint) * (setpoint - measured)
     return setpoint != 0.0 and gap > MAX_RIM_GAP_M_S + MAX_RIM_GAP_SHARE * abs(setpoint)
 
 
@@ -330,8 +331,6 @@ def _reach_share(now: float, change: float, window: list[float], reach: float) -
 
     Towards zero it is free: a set-point that was set to zero does not hold the window against itself.
     """
-    if not window or change == 0.0:
-        return 1.0
-    highest, lowest = max(0.0, min(window) + reach), min(0.0, max(window) - reach)
-    room = highest - now if change > 0.0 else now - lowest
-    return min(1.0, max(0.0, room) / abs(change))
+    sign = math.copysign(1.0, change)
+    slowest = min((sign * value for value in window), default=sign * now)
+    return _share(change, max(0.0, max(0.0, slowest + reach) - sign * now))

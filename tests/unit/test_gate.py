@@ -23,6 +23,7 @@ from follower.can_bridge.gate import (
     SignedCommand,
     StopInputs,
     WheelStatus,
+    _beyond,
 )
 
 MS = 1_000_000
@@ -293,9 +294,10 @@ def test_latches_until_the_next_epoch(rule: str) -> None:
 
 
 def test_a_jump_before_the_first_mission_latches_until_it() -> None:
-    bench = Bench()
-    assert bench.step(token=None, status=WheelStatus(T0, math.nan, 0.0, True)).rule == "not_armed"
-    assert bench.order(0.3).rule == ""
+    bench = Bench(epoch=1)
+    before = bench.step(token=None, status=WheelStatus(T0, math.nan, 0.0, True))
+    assert (before.rule, before.sequence) == ("not_armed", -1)
+    assert bench.step(signed(command(sequence=0, stamp_ns=bench.now_ns, epoch=1))).rule == ""
 
 
 def test_a_jump_under_a_stop_input_is_not_forgotten() -> None:
@@ -338,6 +340,13 @@ def test_a_jump_counts_only_between_two_recent_measurements() -> None:
         now_ns = before_ns + gap_ms * MS
         newest = signed(command(stamp_ns=now_ns))
         assert gate.step(now_ns, newest, token(now_ns), wheels(0.5, now_ns), CLEAR).rule == rule
+
+
+@pytest.mark.parametrize("second_ns", [0, 10 * MS])
+def test_a_jump_is_seen_from_time_zero_on(second_ns: int) -> None:
+    gate = Gate(LIMITS, BASE, BOOT)
+    gate.step(0, signed(command(stamp_ns=0)), token(0), wheels(0.0, 0), CLEAR)
+    assert gate.step(second_ns, None, token(0), wheels(0.5, second_ns), CLEAR).rule == "measured_jump"
 
 
 def test_a_jump_to_never_measured_is_an_old_status() -> None:
@@ -438,6 +447,26 @@ def test_constants_in_code_stand_above_the_configuration() -> None:
     assert turning.drive(0.0, 9.0, steps=200).w_rad_s == pytest.approx(0.8)
 
 
+def test_configuration_lowers_the_caps() -> None:
+    low = replace_limits(v_max_m_s=0.3, v_min_m_s=-0.05, w_max_rad_s=0.4)
+    far = {"v_max_m_s": 9.0, "w_max_rad_s": 9.0}
+    assert Bench(low, **far).drive(9.0, steps=200).v_m_s == pytest.approx(0.3)
+    assert Bench(low, **far).drive(-9.0, steps=200).v_m_s == pytest.approx(-0.05)
+    assert Bench(low, **far).drive(0.0, 9.0, steps=200).w_rad_s == pytest.approx(0.4)
+    slow = Bench(replace_limits(gate_acceleration_m_s2=0.1, gate_angular_acceleration_rad_s2=0.5))
+    slow.order(0.3)
+    assert slow.order(0.3).v_m_s == pytest.approx(0.001)
+    turning = Bench(replace_limits(gate_acceleration_m_s2=0.1, gate_angular_acceleration_rad_s2=0.5))
+    turning.order(0.0, 0.3)
+    assert turning.order(0.0, 0.3).w_rad_s == pytest.approx(0.005)
+
+
+def test_a_gap_of_exactly_the_bound_is_borne() -> None:
+    assert not _beyond(0.5, 0.25)
+    assert not _beyond(-0.5, -0.25)
+    assert not _beyond(0.0, -9.0)
+
+
 EXPECTED_CAPS = {
     "acquire": (0.10, 0.30, 0.15),
     "approach": (0.60, 0.80, 0.60),
@@ -475,8 +504,8 @@ def test_a_stall_earns_no_larger_step() -> None:
 def test_a_clock_that_goes_back_earns_no_step() -> None:
     bench = Bench()
     bench.order(0.3)
-    bench.order(0.3, period_ms=-1.0)
-    assert bench.order(0.3, status=wheels(0.0, bench.now_ns)).v_m_s == pytest.approx(0.005)
+    before = bench.order(0.3, period_ms=-1.0)
+    assert bench.order(0.3, status=wheels(0.0, bench.now_ns)).v_m_s == before.v_m_s
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,172 @@
+"""``davpc experiment stop-times``: how long until the wheels are told to stop when a process dies or stands still.
+
+SAFETY.md, rows 1–6 and 27. ``run`` writes ``results.json`` with ``rows`` of method, n and metrics [ms].
+Stop time: from the fault to the first frame that commands zero or quick stop; with the bridge dead or stopped, from
+its last RPDO until both drives are in quick stop. Limits: 150 ms, 250 ms for what stands above the controller, and
+120 ms for the bridge.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import statistics
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from common.config import default_config_path
+from common.timing import NS_PER_MS, MonotonicClock
+from experiments.stop_bench import BRIDGE, CONTROLLER, StopBench
+
+HOST_STALL_MS = 20.0
+MAX_REPEATS = 10
+_OBSERVED_S = 0.5
+_RESUMED_S = 0.3
+
+
+@dataclass(frozen=True)
+class Method:
+    """A fault: what is done to which process or source, and how long the stop may take [ms]."""
+
+    name: str
+    limit_ms: float
+    process: str = ""
+    number: signal.Signals | None = None
+    source: str = ""
+
+
+METHODS = (
+    Method("controller_kill", 150, CONTROLLER, signal.SIGKILL),
+    Method("controller_stop", 150, CONTROLLER, signal.SIGSTOP),
+    Method("bridge_kill", 120, BRIDGE, signal.SIGKILL),
+    Method("bridge_stop", 120, BRIDGE, signal.SIGSTOP),
+    Method("estimator_silent", 250, source="follower-estimator"),
+    Method("supervisor_silent", 250, source="follower-supervisor"),
+    Method("arms_silent", 250, source="follower-arms"),
+)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One trial: the stop time, the host's longest pause meanwhile, frames that moved the wheels afterwards."""
+
+    stop_ms: float
+    host_ms: float
+    moved_after: int
+
+
+def run(
+    out: Path,
+    config_path: Path | None = None,
+    trials: int = 100,
+    stalls: int = 50,
+    seed: int = 1,
+    progress: Callable[[str], None] = lambda _line: None,
+) -> dict[str, Any]:
+    """Measure every method.
+
+    Args:
+        out: folder for results and logs; made if missing.
+        config_path: the robots; None: the default configuration.
+        trials: per method of killing and stopping; the silenced sources get a third of them.
+        stalls: of controller or bridge, 0.2 to 10 s long.
+        seed: of the random moments.
+        progress: takes one line per method.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    random = Random(seed)
+    rows: list[dict[str, Any]] = []
+    with (
+        tempfile.TemporaryDirectory(prefix="davpc-") as runtime,
+        StopBench(config_path or default_config_path(), Path(runtime), out) as bench,
+    ):
+        for method in METHODS:
+            count = trials if method.process else -(-trials // 3)
+            row = _row(method, _trials(bench, method, count, random))
+            rows.append(row)
+            progress(_line(row))
+        if stalls:
+            rows.append(_stall_row(bench, stalls, random))
+            progress(_line(rows[-1]))
+    results = {"experiment": "stop_times", "seed": seed, "rows": rows, "passed": all(row["passed"] for row in rows)}
+    (out / "results.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    return results
+
+
+def _trials(bench: StopBench, method: Method, count: int, random: Random) -> tuple[list[Trial], int]:
+    """Trials during which the host did not stand still, and how many had to be repeated."""
+    kept: list[Trial] = []
+    repeated = 0
+    while len(kept) < count:
+        trial = _trial(bench, method, random)
+        if trial.host_ms > HOST_STALL_MS and repeated < MAX_REPEATS * count:
+            repeated += 1
+            continue
+        kept.append(trial)
+    return kept, repeated
+
+
+def _trial(bench: StopBench, method: Method, random: Random) -> Trial:
+    bench.get_under_way()
+    bench.pause(random.uniform(0.0, 0.1))
+    clock, watch = MonotonicClock(), bench.watch
+    bench.canary.restart()
+    watch.restart()
+    fault_ns = clock.now_ns()
+    if method.number is not None:
+        bench.signal(method.process, method.number)
+    else:
+        bench.feeder.muted.add(method.source)
+    bench.pause(_OBSERVED_S)
+    host_ms = bench.canary.worst_ms()
+    from_ns, stop_ns = fault_ns, watch.told_ns
+    if method.process == BRIDGE:
+        from_ns, stop_ns = watch.last_rpdo_ns or fault_ns, watch.stopped_ns
+    if method.number == signal.SIGSTOP:
+        bench.signal(method.process, signal.SIGCONT)
+        bench.pause(_RESUMED_S)
+    stop_ms = (stop_ns - from_ns) / NS_PER_MS if stop_ns is not None else float("inf")
+    return Trial(stop_ms, host_ms, watch.moved_after_stop)
+
+
+def _row(method: Method, measured: tuple[list[Trial], int]) -> dict[str, Any]:
+    kept, repeated = measured
+    times = sorted(trial.stop_ms for trial in kept)
+    moved = sum(trial.moved_after for trial in kept)
+    return {
+        "method": method.name,
+        "n": len(times),
+        "limit_ms": method.limit_ms,
+        "metrics": {
+            "median_ms": statistics.median(times),
+            "p95_ms": times[max(0, -(-95 * len(times) // 100) - 1)],
+            "max_ms": times[-1],
+        },
+        "frames_moving_after_stop": moved,
+        "repeated_for_host_stalls": repeated,
+        "passed": times[-1] <= method.limit_ms and moved == 0,
+    }
+
+
+def _stall_row(bench: StopBench, count: int, random: Random) -> dict[str, Any]:
+    """Stalls of 0.2 to 10 s: afterwards nothing of what was commanded before may move the wheels."""
+    stale = 0
+    for _ in range(count):
+        bench.get_under_way()
+        name = random.choice((CONTROLLER, BRIDGE))
+        bench.watch.restart()
+        bench.signal(name, signal.SIGSTOP)
+        bench.pause(random.uniform(0.2, 10.0))
+        bench.signal(name, signal.SIGCONT)
+        bench.pause(_RESUMED_S)
+        stale += bench.watch.moved_after_stop
+    return {"method": "stall", "n": count, "metrics": {"stale_setpoints": stale}, "passed": stale == 0}
+
+
+def _line(row: dict[str, Any]) -> str:
+    metrics = ", ".join(f"{name} {value:.1f}" for name, value in row["metrics"].items())
+    return f"{row['method']}: n {row['n']}, {metrics}: {'ok' if row['passed'] else 'FAILED'}"
