@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from common.geometry import Array, Pinhole, Pose2, features_at
+from common.geometry import Array, Pinhole, Pose2, features_at, mirror_deviation_m
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -96,6 +96,10 @@ class LedsConfig(Section):
             raise ValueError("the LEDs are collinear: the relative pose cannot be told from them")
         if singular[2] > 0.02:
             raise ValueError("the LEDs are not coplanar: the homography of the paper does not exist")
+        if mirror_deviation_m(self.points) < 0.05:
+            raise ValueError(
+                "the LEDs are symmetric: in a pane of glass the mirror image looks like the array itself"
+            )
         return self
 
 
