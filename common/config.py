@@ -52,6 +52,7 @@ class CameraConfig(Section):
 
     ``device`` says which one: the serial number (mindvision), ``/dev/video0`` (v4l2), a folder or video (replay);
     empty: the only one there is.
+    ``mount_tilt_deg`` is how the camera is screwed on: pitch (up), roll (right side down), yaw (to the left).
     """
 
     driver: str
@@ -62,6 +63,7 @@ class CameraConfig(Section):
     exposure_us: Annotated[float, Field(gt=0, le=100_000)]
     gain: Annotated[float, Field(gt=0, le=64)]
     mount_xyz_m: Xyz
+    mount_tilt_deg: Xyz = (0.0, 0.0, 0.0)
     lens: LensConfig
 
     @cached_property
@@ -74,6 +76,11 @@ class CameraConfig(Section):
     def mount(self) -> Array:
         """ξ, the optical centre in {F} [m]."""
         return np.array(self.mount_xyz_m)
+
+    @cached_property
+    def mount_tilt(self) -> Array:
+        """Pitch, roll, yaw of the mounting [rad]."""
+        return np.radians(self.mount_tilt_deg)
 
 
 class LedsConfig(Section):
