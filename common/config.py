@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from common.geometry import Array, Pinhole, Pose2, features_at
+from common.geometry import Array, Pinhole, Pose2, features_at, mirror_deviation_m
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -52,6 +52,7 @@ class CameraConfig(Section):
 
     ``device`` says which one: the serial number (mindvision), ``/dev/video0`` (v4l2), a folder or video (replay);
     empty: the only one there is.
+    ``mount_tilt_deg`` is how the camera is screwed on: pitch (up), roll (right side down), yaw (to the left).
     """
 
     driver: str
@@ -62,6 +63,7 @@ class CameraConfig(Section):
     exposure_us: Annotated[float, Field(gt=0, le=100_000)]
     gain: Annotated[float, Field(gt=0, le=64)]
     mount_xyz_m: Xyz
+    mount_tilt_deg: Xyz = (0.0, 0.0, 0.0)
     lens: LensConfig
 
     @cached_property
@@ -74,6 +76,11 @@ class CameraConfig(Section):
     def mount(self) -> Array:
         """ξ, the optical centre in {F} [m]."""
         return np.array(self.mount_xyz_m)
+
+    @cached_property
+    def mount_tilt(self) -> Array:
+        """Pitch, roll, yaw of the mounting [rad]."""
+        return np.radians(self.mount_tilt_deg)
 
 
 class LedsConfig(Section):
@@ -96,6 +103,10 @@ class LedsConfig(Section):
             raise ValueError("the LEDs are collinear: the relative pose cannot be told from them")
         if singular[2] > 0.02:
             raise ValueError("the LEDs are not coplanar: the homography of the paper does not exist")
+        if mirror_deviation_m(self.points) < 0.05:
+            raise ValueError(
+                "the LEDs are symmetric: in a pane of glass the mirror image looks like the array itself"
+            )
         return self
 
 

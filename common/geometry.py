@@ -140,6 +140,32 @@ def move_relative(relative: Pose2, v_m_s: float, w_rad_s: float, duration_s: flo
     return moved.inverse().compose(relative)
 
 
+def mirror_deviation_m(points_l: Array) -> float:
+    """How far an array differs from its own left-right mirror image, laid over it as well as a turn below 90° can.
+
+    A pane of glass beside the approach shows the mirror image; an array that equals it cannot be told from it.
+
+    Returns:
+        The largest distance of a mirrored LED from its nearest LED [m], for the best placement.
+    """
+    mirrored = points_l * [1.0, -1.0, 1.0]
+    a, b = int(np.argmin(points_l[:, 1])), int(np.argmax(points_l[:, 1]))
+    span = mirrored[b, :2] - mirrored[a, :2]
+    best = math.inf
+    for i, j in np.ndindex(len(points_l), len(points_l)):
+        target = points_l[j, :2] - points_l[i, :2]
+        turn = wrap_angle(math.atan2(target[1], target[0]) - math.atan2(span[1], span[0]))
+        if i == j or abs(turn) >= math.pi / 2:
+            continue
+        c, s = math.cos(turn), math.sin(turn)
+        turned = mirrored[:, :2] @ np.array([[c, s], [-s, c]])
+        shift = 0.5 * (points_l[i, :2] + points_l[j, :2] - turned[a] - turned[b])
+        placed = np.column_stack([turned + shift, mirrored[:, 2]])
+        distance = np.linalg.norm(placed[:, None] - points_l[None], axis=2)
+        best = min(best, float(distance.min(axis=1).max()))
+    return best
+
+
 @dataclass(frozen=True)
 class Pinhole:
     """Pinhole intrinsics K: focal lengths and principal point [px], image size [px]: eq. (pinhole_projection)."""

@@ -125,8 +125,8 @@ class Optics:
         peaks = lights.peaks(camera_l) * exposed
         if view.scene.walkers:
             peaks = np.where(hidden(lights.points, camera_l, view.scene.walkers, time_s), 0.0, peaks)
-        before = _to_camera(lights.points, view, mount)
-        after = _to_camera(lights.points, _after(view, self._camera.exposure_us * 1e-6), mount)
+        before = _to_camera(lights.points, view, self._camera)
+        after = _to_camera(lights.points, _after(view, self._camera.exposure_us * 1e-6), self._camera)
         peaks = np.where((before[:, 2] > _NEAREST_M) & (after[:, 2] > _NEAREST_M), peaks, 0.0)
         for points in (before, after):
             points[:, 2] = np.maximum(points[:, 2], _NEAREST_M)
@@ -135,26 +135,38 @@ class Optics:
     def _sunlit(self, out: Image, view: View) -> None:
         """Sun patches in front of the camera, in place."""
         for patch in view.scene.sun:
-            corners = _to_camera(np.array(patch.corners_m), view, self._camera.mount)
+            corners = _to_camera(np.array(patch.corners_m), view, self._camera)
             if np.any(corners[:, 2] < 0.3):
                 continue
             pixels = np.rint(image_of_rays(corners, self._camera)).astype(np.int32)
             cv2.fillConvexPoly(out, np.clip(pixels, -8000, 8000), patch.grey)
 
 
-def _to_camera(points_l: Array, view: View, mount_m: Array) -> Array:
-    """{L} → {F} → tilted {C} by rotation matrices, (n, 3)."""
+def _to_camera(points_l: Array, view: View, camera: CameraConfig) -> Array:
+    """{L} → {F} → {C}, as mounted and shaken, by rotation matrices, (n, 3)."""
     c, s = math.cos(view.relative.theta_rad), math.sin(view.relative.theta_rad)
     f_from_l = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     in_f = points_l @ f_from_l.T + [view.relative.x_m, view.relative.y_m, 0.0]
     c_from_f = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     shake_pitch, shake_roll = view.scene.tilt(view.time_ns * 1e-9)
-    cp, sp = math.cos(view.pitch_rad + shake_pitch), math.sin(view.pitch_rad + shake_pitch)
-    cr, sr = math.cos(view.roll_rad + shake_roll), math.sin(view.roll_rad + shake_roll)
-    pitch = np.array([[1.0, 0.0, 0.0], [0.0, cp, sp], [0.0, -sp, cp]])
-    roll = np.array([[cr, sr, 0.0], [-sr, cr, 0.0], [0.0, 0.0, 1.0]])
-    in_camera: Array = (in_f - mount_m) @ (roll @ pitch @ c_from_f).T
+    shaken = _attitude(view.pitch_rad + shake_pitch, view.roll_rad + shake_roll, 0.0)
+    mounted = _attitude(*(float(angle) for angle in camera.mount_tilt))
+    in_camera: Array = (in_f - camera.mount) @ (mounted @ shaken @ c_from_f).T
     return in_camera
+
+
+def _attitude(pitch_rad: float, roll_rad: float, yaw_rad: float) -> Array:
+    """Coordinates of a camera turned to the left, then up, then right side down, from those before."""
+    cp, sp = math.cos(pitch_rad), math.sin(pitch_rad)
+    cr, sr = math.cos(roll_rad), math.sin(roll_rad)
+    cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array(
+        [
+            [cr * cy - sr * sp * sy, sr * cp, cr * sy + sr * sp * cy],
+            [-sr * cy - cr * sp * sy, cr * cp, cr * sp * cy - sr * sy],
+            [-cp * sy, -sp, cp * cy],
+        ]
+    )
 
 
 def _after(view: View, duration_s: float) -> View:

@@ -27,6 +27,7 @@ def test_the_reference_is_valid_with_its_world(config_path: Path) -> None:
         ("follower_can.lift.node_id=1", "node id 1 is given twice"),
         ("leds.positions_m=[[0,-0.3,1.4],[0,0,1.4],[0,0.1,1.4],[0,0.3,1.4]]", "collinear"),
         ("leds.positions_m=[[0,-0.3,1.4],[0.5,0.1,1.4],[0,0.1,1.8],[0,-0.3,1.7]]", "not coplanar"),
+        ("leds.positions_m=[[0,-0.3,1.4],[0,0.3,1.4],[0,0.2,1.8],[0,-0.2,1.8]]", "symmetric"),
         ("camera.mount_xyz_m=[0.25,0.0,1.40]", "Δh = 0"),
         ("docking.goal_distance_m=0.5", "outside the image"),
         ("limits.w_max_rad_s=5.0", "limits.w_max_rad_s"),

@@ -16,6 +16,7 @@ from common.geometry import (
     extended_interaction_matrix,
     features_at,
     interaction_matrix,
+    mirror_deviation_m,
     move_relative,
     pose_from_paper_start,
     wrap_angle,
@@ -115,3 +116,13 @@ def test_pixels_and_normalised_coordinates_round_trip(alpha: float, beta: float)
     np.testing.assert_allclose(pinhole.to_normalised(pinhole.to_pixels(point)), point, atol=1e-12)
     homogeneous = pinhole.matrix() @ [alpha, beta, 1.0]
     np.testing.assert_allclose(homogeneous[:2], pinhole.to_pixels(point)[0])
+
+
+def test_mirror_deviation_tells_symmetric_arrays_from_others(config: Config) -> None:
+    square = np.array([[0.0, y, z] for y in (-0.2, 0.2) for z in (1.4, 1.8)])
+    turned = square @ np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    assert mirror_deviation_m(square) == pytest.approx(0.0, abs=1e-9)
+    assert mirror_deviation_m(turned) == pytest.approx(0.0, abs=1e-9)
+    vertical = config.leds.points * [0.0, 1.0, 1.0]
+    assert mirror_deviation_m(config.leds.points) > 0.1
+    assert mirror_deviation_m(vertical) > 0.09

@@ -1,0 +1,246 @@
+"""``davpc calibrate camera``: lens from images of a chessboard, the better of two models by corners it has not seen.
+
+The filter blocks visible light: light the board evenly with a diffuse 940 nm source beside the camera, never with a
+torch at the lens. A small reprojection error alone proves little at 120°: what counts is that the corners of the
+image were covered, and how well corners of held-out images are predicted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from common.config import LensConfig
+from common.frame_ring import Image
+from common.geometry import Array
+
+Model = Literal["rational", "fisheye"]
+Size = tuple[int, int]
+
+_FEWEST_VIEWS = 8
+_FOLDS = 4
+_GRID = 6
+_LEAST_SHARE = 0.55
+_REGIONS = (("top left", "top", "top right"), ("left", "centre", "right"), ("bottom left", "bottom", "bottom right"))
+_FIELDS_OF_VIEW_RAD = np.radians([115.0, 60.0, 85.0, 135.0])
+_GOOD_PX = 0.4
+_FISHEYE_FLAGS = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW | cv2.CALIB_USE_INTRINSIC_GUESS
+_RATIONAL_FLAGS = cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_USE_INTRINSIC_GUESS
+
+
+class CalibrationError(Exception):
+    """Images from which no lens can be told; one line that says what is missing."""
+
+
+@dataclass(frozen=True)
+class Board:
+    """A chessboard's inner corners and the side of a square [m]."""
+
+    columns: int
+    rows: int
+    square_m: float
+
+    def points(self) -> Array:
+        """Corners (columns·rows, 3) on the board [m], row by row."""
+        grid = np.mgrid[0 : self.columns, 0 : self.rows].T.reshape(-1, 2) * self.square_m
+        return np.column_stack([grid, np.zeros(len(grid))])
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Where in the image corners were seen: share of a 6×6 grid, and the regions that lack them."""
+
+    share: float
+    missing: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A lens and how far to trust it.
+
+    Attributes:
+        lens: the chosen model.
+        rms_px: reprojection error over all corners.
+        held_out_px: over corners of images that were left out of the fit, by model; the least decided.
+        coverage: where corners were seen.
+        views: images used.
+    """
+
+    lens: LensConfig
+    rms_px: float
+    held_out_px: dict[Model, float]
+    coverage: Coverage
+    views: int
+
+
+def find_corners(image: Image, board: Board) -> Array | None:
+    """Corners (n, 2) [px] of the board in the image, to a few hundredths of a pixel; None if it is not all there."""
+    found, corners = cv2.findChessboardCorners(
+        image, (board.columns, board.rows), flags=cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+    )
+    if not found:
+        return None
+    raw = np.asarray(corners, np.float32).reshape(-1, 2)
+    nearest = float(np.linalg.norm(np.diff(raw, axis=0), axis=1).min())
+    half = int(np.clip(0.4 * nearest, 2, 11))
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
+    refined = cv2.cornerSubPix(image, raw.reshape(-1, 1, 2), (half, half), (-1, -1), criteria)
+    return np.asarray(refined, dtype=np.float64).reshape(-1, 2)
+
+
+def coverage_of(views: Sequence[Array], size: Size) -> Coverage:
+    """Where corners of all views lie in an image of (width, height)."""
+    cells = np.zeros((_GRID, _GRID), dtype=np.bool_)
+    for corners in views:
+        columns, rows = np.clip(corners * _GRID / np.array(size), 0, _GRID - 1).astype(int).T
+        cells[rows, columns] = True
+    missing = tuple(
+        _REGIONS[row][column]
+        for row in range(3)
+        for column in range(3)
+        if cells[2 * row : 2 * row + 2, 2 * column : 2 * column + 2].sum() < 1
+    )
+    return Coverage(float(cells.mean()), missing)
+
+
+def calibrate_camera(views: Sequence[Array], board: Board, size: Size) -> Calibration:
+    """Fit both models, choose by held-out corners.
+
+    Args:
+        views: corners (n, 2) [px] of each image, from :func:`find_corners`.
+        board: what was photographed.
+        size: (width, height) of the images [px].
+
+    Raises:
+        CalibrationError: too few views, regions without corners, or no model converges.
+    """
+    if len(views) < _FEWEST_VIEWS:
+        raise CalibrationError(f"{len(views)} images with the whole board, at least {_FEWEST_VIEWS} are needed")
+    coverage = coverage_of(views, size)
+    if coverage.missing:
+        raise CalibrationError(f"no board seen in these parts of the image: {', '.join(coverage.missing)}")
+    if coverage.share < _LEAST_SHARE:
+        raise CalibrationError(
+            f"boards cover {coverage.share:.0%} of the image, {_LEAST_SHARE:.0%} are needed: go farther out"
+        )
+    fitted: dict[Model, tuple[LensConfig, float]] = {}
+    held_out: dict[Model, float] = {}
+    models: tuple[Model, ...] = ("rational", "fisheye")
+    for model in models:
+        fit = fit_lens(model, views, board, size)
+        errors = (
+            [_held_out(fit[0], views, board, size, fold) for fold in range(_FOLDS)] if fit is not None else [None]
+        )
+        squares = [error**2 for error in errors if error is not None]
+        if fit is not None and len(squares) == _FOLDS:
+            fitted[model], held_out[model] = fit, float(np.sqrt(np.mean(squares)))
+    if not fitted:
+        raise CalibrationError(
+            "neither the rational nor the fisheye model fits: are all images of one camera and board?"
+        )
+    best = min(held_out, key=lambda name: held_out[name])
+    lens, rms_px = fitted[best]
+    return Calibration(lens, rms_px, held_out, coverage, len(views))
+
+
+def fit_lens(model: Model, views: Sequence[Array], board: Board, size: Size) -> tuple[LensConfig, float] | None:
+    """The model's lens and its reprojection rms [px], from the first field of view that leads to a good fit.
+
+    None if no first guess converges.
+    """
+    best: tuple[LensConfig, float] | None = None
+    for field in _FIELDS_OF_VIEW_RAD:
+        fit = _fit_from(_guess(model, size, float(field)), views, board, size)
+        if fit is not None and (best is None or fit[1] < best[1]):
+            best = fit
+        if best is not None and best[1] < _GOOD_PX:
+            break
+    return best
+
+
+def project(lens: LensConfig, points_c: Array) -> Array:
+    """Pixels (n, 2) of points (n, 3) in {C}."""
+    zero, coefficients = np.zeros(3), np.array(lens.coefficients)
+    if lens.model == "fisheye":
+        pixels, _ = cv2.fisheye.projectPoints(points_c.reshape(1, -1, 3), zero, zero, _matrix(lens), coefficients)
+    else:
+        pixels, _ = cv2.projectPoints(points_c.reshape(-1, 1, 3), zero, zero, _matrix(lens), coefficients)
+    return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+
+
+def rays(lens: LensConfig, pixels: Array) -> Array:
+    """Normalised coordinates (n, 2) of pixels (n, 2)."""
+    points, coefficients = pixels.reshape(-1, 1, 2), np.array(lens.coefficients)
+    if lens.model == "fisheye":
+        ideal = cv2.fisheye.undistortPoints(points, _matrix(lens), coefficients)
+    else:
+        ideal = cv2.undistortPoints(points, _matrix(lens), coefficients, criteria=(3, 60, 1e-10))
+    return np.asarray(ideal, dtype=np.float64).reshape(-1, 2)
+
+
+def _guess(model: Model, size: Size, field_of_view_rad: float) -> LensConfig:
+    """An undistorted lens of the given horizontal field of view."""
+    half, angle = 0.5 * size[0], 0.5 * field_of_view_rad
+    focal = half / angle if model == "fisheye" else half / float(np.tan(angle))
+    matrix = np.array([[focal, 0.0, 0.5 * size[0]], [0.0, focal, 0.5 * size[1]], [0.0, 0.0, 1.0]])
+    return _lens(model, matrix, np.zeros(8))
+
+
+def _fit_from(start: LensConfig, views: Sequence[Array], board: Board, size: Size) -> tuple[LensConfig, float] | None:
+    known, bent_before = _matrix(start), np.array(start.coefficients)
+    try:
+        if start.model == "fisheye":
+            objects = [board.points().reshape(1, -1, 3)] * len(views)
+            images = [corners.reshape(1, -1, 2) for corners in views]
+            rms, raw_matrix, raw_bent, _, _ = cv2.fisheye.calibrate(
+                objects, images, size, known, bent_before, flags=_FISHEYE_FLAGS
+            )
+        else:
+            flat = [board.points().astype(np.float32).reshape(-1, 1, 3)] * len(views)
+            seen = [corners.astype(np.float32).reshape(-1, 1, 2) for corners in views]
+            rms, raw_matrix, raw_bent, _, _ = cv2.calibrateCamera(
+                flat, seen, size, known, bent_before, flags=_RATIONAL_FLAGS
+            )
+    except cv2.error:
+        return None  # this first guess leads nowhere; others may
+    matrix, bent = np.asarray(raw_matrix, np.float64), np.asarray(raw_bent, np.float64).ravel()
+    if not np.isfinite([*matrix.ravel(), *bent, rms]).all() or matrix[0, 0] <= 0.0 or matrix[1, 1] <= 0.0:
+        return None
+    return _lens("fisheye" if start.model == "fisheye" else "rational", matrix, bent), float(rms)
+
+
+def _held_out(start: LensConfig, views: Sequence[Array], board: Board, size: Size, fold: int) -> float | None:
+    """Reprojection rms [px] over every fourth view, with the lens of the others and each board's own pose."""
+    kept = [corners for row, corners in enumerate(views) if row % _FOLDS != fold]
+    fitted = _fit_from(start, kept, board, size)
+    if fitted is None:
+        return None
+    squares = []
+    for corners in views[fold::_FOLDS]:
+        ideal = rays(fitted[0], corners)
+        found, turn, shift = cv2.solvePnP(board.points(), ideal, np.eye(3), np.zeros(0), flags=cv2.SOLVEPNP_ITERATIVE)
+        if not found:
+            return None
+        points_c = board.points() @ cv2.Rodrigues(turn)[0].T + shift.ravel()
+        squares.append(((project(fitted[0], points_c) - corners) ** 2).sum(axis=1))
+    return float(np.sqrt(np.concatenate(squares).mean()))
+
+
+def _lens(model: Model, matrix: Array, bent: Array) -> LensConfig:
+    count = 4 if model == "fisheye" else 8
+    return LensConfig(
+        model=model,
+        fx_px=float(matrix[0, 0]),
+        fy_px=float(matrix[1, 1]),
+        cx_px=float(matrix[0, 2]),
+        cy_px=float(matrix[1, 2]),
+        coefficients=tuple(float(value) for value in bent[:count]),
+    )
+
+
+def _matrix(lens: LensConfig) -> Array:
+    return np.array([[lens.fx_px, 0.0, lens.cx_px], [0.0, lens.fy_px, lens.cy_px], [0.0, 0.0, 1.0]])

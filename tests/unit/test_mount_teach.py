@@ -1,0 +1,102 @@
+"""Where the camera sits, and the desired image: recovered from what is seen, refused when it cannot be trusted."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from common.config import CameraConfig, Config
+from common.geometry import Array, Pose2, features_at
+from station.mount import MountError, View, calibrate_mount, project, worst_tilt_deg
+from station.teach import TeachError, calibration_hash, load, save, teach
+
+FOCAL_PX = 369.5
+TRUTH = np.array([0.262, 0.008, 1.187, math.radians(0.6), math.radians(-0.4), math.radians(0.3)])
+POSES = [
+    Pose2(1.5, 0.0, 0.0),
+    Pose2(2.0, 0.3, 0.2),
+    Pose2(2.5, -0.4, -0.2),
+    Pose2(3.5, 0.5, 0.0),
+    Pose2(1.8, -0.2, 0.3),
+]
+
+
+def views(config: Config, noise_px: float = 0.05, poses: list[Pose2] = POSES) -> list[View]:
+    draws = np.random.default_rng(2)
+    noise = noise_px / FOCAL_PX
+    return [View(pose, project(config.leds.points, pose, TRUTH) + draws.normal(0.0, noise, (4, 2))) for pose in poses]
+
+
+def test_mount_is_recovered_within_its_own_sigma(config: Config) -> None:
+    mount = calibrate_mount(views(config), config.leds.points, config.camera.mount, FOCAL_PX)
+    found = np.array([*mount.xyz_m, mount.pitch_rad, mount.roll_rad, mount.yaw_rad])
+    assert np.all(np.abs(found - TRUTH) < 4.0 * mount.sigma)
+    assert np.all(np.abs(found - TRUTH)[:3] < 0.005)
+    assert worst_tilt_deg(mount) == pytest.approx(0.6, abs=0.1)
+    assert mount.residual_px < 0.1
+
+
+def test_untilted_mount_is_the_papers_projection(config: Config) -> None:
+    state = np.array([*config.camera.mount, 0.0, 0.0, 0.0])
+    assert project(config.leds.points, POSES[1], state) == pytest.approx(
+        features_at(config.leds.points, POSES[1], config.camera.mount)
+    )
+
+
+def test_mount_refuses_what_does_not_determine_it(config: Config) -> None:
+    points, start = config.leds.points, config.camera.mount
+    with pytest.raises(MountError, match="3 poses, at least 4"):
+        calibrate_mount(views(config)[:3], points, start, FOCAL_PX)
+    near = [Pose2(1.5 + 0.01 * k, 0.0, 0.0) for k in range(5)]
+    with pytest.raises(MountError, match=r"within 0\.04 m"):
+        calibrate_mount(views(config, poses=near), points, start, FOCAL_PX)
+    wrong = [
+        View(Pose2(view.relative.x_m, view.relative.y_m + 0.05 * (-1) ** k, view.relative.theta_rad), view.features)
+        for k, view in enumerate(views(config))
+    ]
+    with pytest.raises(MountError, match="residual of"):
+        calibrate_mount(wrong, points, start, FOCAL_PX)
+
+
+def docked(config: Config, count: int = 40, noise_px: float = 0.05) -> tuple[list[Array], list[Pose2]]:
+    draws = np.random.default_rng(1)
+    clean = features_at(config.leds.points, Pose2(1.51, 0.0, 0.0), config.camera.mount)
+    features = [clean + draws.normal(0.0, noise_px / FOCAL_PX, clean.shape) for _ in range(count)]
+    return features, [Pose2(1.51, 0.0, 0.0)] * count
+
+
+def test_taught_image_is_the_average_and_is_compared_with_geometry(config: Config) -> None:
+    taught = teach(config, 1, *docked(config))
+    clean = features_at(config.leds.points, Pose2(1.51, 0.0, 0.0), config.camera.mount)
+    assert taught.features == pytest.approx(clean, abs=5e-5)
+    assert 0.5 < taught.offset_px < 5.0
+    assert taught.pose.x_m == pytest.approx(1.51)
+
+
+def test_unsteady_or_incomplete_frames_are_refused(config: Config) -> None:
+    features, poses = docked(config)
+    with pytest.raises(TeachError, match="5 frames"):
+        teach(config, 1, features[:5], poses[:5])
+    with pytest.raises(TeachError, match="features move by"):
+        teach(config, 1, [one + 3e-4 * k for k, one in enumerate(features)], poses)
+    with pytest.raises(TeachError, match="LED 2 is not seen"):
+        teach(config, 1, [np.where(np.arange(4)[:, None] == 2, np.nan, one) for one in features], poses)
+
+
+def test_taught_image_is_kept_and_refused_under_another_calibration(config: Config, tmp_path: Path) -> None:
+    path = tmp_path / "docking1.json"
+    taught = teach(config, 1, *docked(config))
+    save(taught, path)
+    again = load(path, config.camera)
+    assert again.features == pytest.approx(taught.features)
+    assert (again.pose, again.trolley, again.calibration) == (taught.pose, 1, calibration_hash(config.camera))
+    moved = CameraConfig.model_validate({**config.camera.model_dump(), "mount_xyz_m": (0.25, 0.0, 1.21)})
+    with pytest.raises(TeachError, match="another lens or mounting: teach docking 1 again"):
+        load(path, moved)
+    for broken in ("", "[]", '{"schema": "taught/1"}', '{"schema": "x"}'):
+        path.write_text(broken)
+        with pytest.raises(TeachError, match=r"docking1\.json"):
+            load(path, config.camera)
