@@ -165,6 +165,8 @@ class RealtimeConfig(Section):
     rate_weight: Annotated[Pair, Field(description="of Δv² and Δω², each step")]
     visibility_weight: Positive
     wheel_lag_ms: NonNegative
+    cruise_m_s: Annotated[float, Field(gt=0, description="speed that is never exceeded, also below the limit")]
+    rate_limit: Annotated[tuple[Positive, Positive], Field(description="Δv, Δω a period, also below the limit")]
 
     @model_validator(mode="after")
     def _knots_span_the_horizon(self) -> RealtimeConfig:
@@ -172,6 +174,15 @@ class RealtimeConfig(Section):
         if not rising or self.knots[0] != 0 or self.knots[-1] != self.horizon - 1:
             raise ValueError("knots rise from 0 to horizon - 1")
         return self
+
+
+class CompensationConfig(Section):
+    """The paper's extended state observer and what bounds its estimate."""
+
+    bandwidth_rad_s: Positive
+    observer_input: Literal["command", "wheel"]
+    feature_bound: Annotated[float, Field(gt=0, description="of the disturbance of each feature, 1/s")]
+    theta_bound_rad_s: Positive
 
 
 class ControllerConfig(Section):
@@ -187,6 +198,7 @@ class ControllerConfig(Section):
     visibility_margin_px: NonNegative
     deadline_ms: Positive
     realtime: RealtimeConfig
+    compensation: CompensationConfig
 
 
 class LimitsConfig(Section):

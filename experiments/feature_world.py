@@ -66,15 +66,13 @@ class FeatureWorld:
     def __init__(
         self,
         config: Config,
-        points_l: Array,
         start: Pose2,
-        seed: int,
+        seed: int | list[int],
         disturbances: Disturbances,
         noise_px: float,
         noise_theta_rad: float,
     ) -> None:
         self._config = config
-        self._points_l = points_l
         self._disturbances = disturbances
         self._noise = (noise_px, noise_theta_rad)
         self._random = np.random.default_rng(seed)
@@ -112,7 +110,7 @@ class FeatureWorld:
 
     def true_pixels(self) -> Array:
         """Projections (n, 2) without noise, also outside the image; NaN behind the camera."""
-        return project(self._config, self._points_l, self.pose)
+        return project(self._config, self.pose)
 
     def in_view(self) -> Array:
         """(n,) whether each projection lies in the image."""
@@ -128,8 +126,9 @@ class FeatureWorld:
         return Measurement(time_ns, self._config.camera.pinhole.to_normalised(noisy), theta)
 
 
-def project(config: Config, points_l: Array, pose: Pose2) -> Array:
-    """Pixels (n, 2) of points of {L} for a camera on {F} at ``pose`` in {L}; NaN behind the camera."""
+def project(config: Config, pose: Pose2) -> Array:
+    """Pixels (n, 2) of the LEDs for a camera on {F} at ``pose`` in {L}; NaN behind the camera."""
+    points_l = config.leds.points
     c, s = math.cos(pose.theta_rad), math.sin(pose.theta_rad)
     camera_x, camera_y, camera_z = config.camera.mount_xyz_m
     ahead_l, left_l = points_l[:, 0] - pose.x_m, points_l[:, 1] - pose.y_m
@@ -148,8 +147,3 @@ def inside_image(config: Config, pixels: Array) -> Array:
     size = np.array([config.camera.width_px - 1, config.camera.height_px - 1])
     inside: Array = np.all((pixels >= 0) & (pixels <= size), axis=1)
     return inside
-
-
-def vertical_array(config: Config) -> Array:
-    """The paper's array: the configured LEDs in the plane X = 0 of {L}."""
-    return config.leds.points * [0.0, 1.0, 1.0]

@@ -49,7 +49,14 @@ class RealtimeController:
     ) -> None:
         config = controller.realtime
         self._points_l, self._camera = points_l, camera_xyz_m
-        self._limits = limits
+        dv, dw = config.rate_limit
+        self._limits = limits.model_copy(
+            update={
+                "v_max_m_s": min(limits.v_max_m_s, config.cruise_m_s),
+                "controller_dv_m_s": min(limits.controller_dv_m_s, dv),
+                "controller_dw_rad_s": min(limits.controller_dw_rad_s, dw),
+            }
+        )
         self._period_s = controller.period_ms * 1e-3
         self._knots = KnotBasis(config.knots)
         self._size = len(config.knots)
@@ -63,7 +70,10 @@ class RealtimeController:
         rates = self._knots.rates()
         self._rate_rows = np.block([[rates, 0 * rates], [0 * rates, rates]])
         self._rate_bounds = np.concatenate(
-            [self._knots.lengths * limits.controller_dv_m_s, self._knots.lengths * limits.controller_dw_rad_s]
+            [
+                self._knots.lengths * self._limits.controller_dv_m_s,
+                self._knots.lengths * self._limits.controller_dw_rad_s,
+            ]
         )
         self._watched = np.append(self._knots.knots[3:], config.horizon)
         self._soft = 1.0 / config.visibility_weight

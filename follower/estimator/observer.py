@@ -1,6 +1,6 @@
 """Relative state from features and wheels: an extended Kalman filter that knows when it is being disturbed.
 
-States are the pose of {L} in {F} and four disturbances of the motion (see :class:`follower.motion.MotionDisturbance`).
+States are the pose of {L} in {F} and the four disturbances of :class:`follower.motion.MotionDisturbance`.
 Most of the time there is no disturbance: then the four are held close to zero, and the pose is averaged as far as
 the noise allows. When the innovation's mean shifts (:mod:`follower.estimator.onset`) the four are set free, as if
 they had acted since shortly before; each is tied to zero again as soon as zero explains what is seen.

@@ -1,0 +1,1 @@
+"""Methods that davpc is measured against."""

@@ -1,0 +1,20 @@
+"""Basic image-based visual servoing (Chaumette et al. 2016): u = −λ J_s⁺ (s − s*)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from common.geometry import Array, interaction_matrix
+
+GAIN_1_S = 0.5
+
+
+def ibvs(features: Array, desired: Array, height_difference_m: Array, camera_xyz_m: Array) -> tuple[float, float]:
+    """Velocity (v, ω) from the features seen, (n, 2), NaN for the others; standstill with fewer than two."""
+    seen = np.isfinite(features[:, 0])
+    if seen.sum() < 2:
+        return 0.0, 0.0
+    jacobian = interaction_matrix(features[seen], height_difference_m[seen], camera_xyz_m).reshape(-1, 2)
+    error = (features[seen] - desired[seen]).reshape(-1)
+    v, w = -GAIN_1_S * np.linalg.lstsq(jacobian, error, rcond=None)[0]
+    return float(v), float(w)

@@ -1,0 +1,57 @@
+"""Many runs over several processes: deterministic for a seed at any number of jobs, with progress and time left."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import TypeVar
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+
+def run_all(
+    work: Callable[[Job], Result], jobs_to_do: list[Job], jobs: int, title: str, console: Console | None = None
+) -> list[Result]:
+    """``[work(job) for job in jobs_to_do]`` over ``jobs`` processes, in the given order.
+
+    ``work`` must be a function of a module, and depend on its job alone: then the result does not depend on ``jobs``.
+
+    Raises:
+        ValueError: ``jobs`` is not positive.
+    """
+    if jobs < 1:
+        raise ValueError(f"jobs = {jobs}: at least one process is needed")
+    with _bar(console) as progress:
+        task = progress.add_task(title, total=len(jobs_to_do))
+        results = []
+        with _mapped(work, jobs_to_do, jobs) as finished:
+            for result in finished:
+                results.append(result)
+                progress.advance(task)
+    return results
+
+
+@contextmanager
+def _mapped(work: Callable[[Job], Result], todo: list[Job], jobs: int) -> Iterator[Iterable[Result]]:
+    if jobs == 1:
+        yield map(work, todo)
+        return
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        yield pool.imap(work, todo)
+
+
+def _bar(console: Console | None) -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=console or Console(stderr=True),
+    )

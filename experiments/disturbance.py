@@ -1,0 +1,61 @@
+"""What pads, load, lag and bias do to each method: ``davpc experiment disturbance``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from common.config import Config
+from experiments.campaign import run_all
+from experiments.plots import draw_disturbed_runs
+from experiments.results import write_results
+from experiments.runs import all_jobs, fly_job, make_case, metrics_job, table
+from experiments.scenes import (
+    DISTURBANCES,
+    DISTURBED_START,
+    PAPER_DISTURBANCE,
+    paper_start,
+    random_pads,
+)
+from experiments.trial import Outcome
+
+METHODS = ("vpc", "paper", "davpc")
+
+
+def run(
+    out: Path,
+    seed: int,
+    jobs: int,
+    config: Config,
+    trials: int = 16,
+    methods: tuple[str, ...] = METHODS,
+    cases: tuple[str, ...] = tuple(DISTURBANCES),
+) -> dict[str, Any]:
+    """Fly from the paper's start under each disturbance; write the results and the paper's figure.
+
+    ``vpc`` is the paper's control without observer and compensation, ``paper`` with both.
+    """
+    start = paper_start(DISTURBED_START)
+    todo = [
+        make_case(config, method, name, [start] * trials, DISTURBANCES[name], seed)
+        for name in cases
+        for method in methods
+    ]
+    pads = random_pads(seed)
+    shown = [make_case(config, method, "paper_pads", [start], pads, seed) for method in methods]
+    metrics = run_all(metrics_job, all_jobs(todo), jobs, "disturbance")
+    outcomes: list[Outcome] = run_all(fly_job, all_jobs(shown), jobs, "the paper's pads")
+    rows = table(todo, metrics) + table(shown, [outcome.metrics for outcome in outcomes])
+    results = write_results(out, "disturbance", seed, _settings(trials, cases), rows, list(PAPER_DISTURBANCE))
+    traces = {method: outcome.trace for method, outcome in zip(methods, outcomes, strict=True)}
+    draw_disturbed_runs(traces, pads.pads, out / "disturbance.png")
+    return results
+
+
+def _settings(trials: int, cases: tuple[str, ...]) -> dict[str, Any]:
+    return {
+        "trials": trials,
+        "start": list(DISTURBED_START),
+        "disturbances": {name: asdict(DISTURBANCES[name]) for name in cases},
+    }

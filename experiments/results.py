@@ -1,0 +1,61 @@
+"""results.json and its Markdown table, the same for every experiment."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+HEADINGS = {
+    "e_x_cm": "e_x cm",
+    "e_y_cm": "e_y cm",
+    "e_theta_deg": "e_θ °",
+    "e_p_px": "e_p px",
+    "m_v": "M_v",
+    "m_w": "M_ω",
+    "lost": "lost",
+    "over_bound": "> 6 cm",
+    "settle_s": "settled s",
+    "worst_e_y_cm": "worst e_y cm",
+}
+
+
+def row(method: str, case: str, n: int, metrics: dict[str, float]) -> dict[str, Any]:
+    """One row of results.json."""
+    return {"method": method, "case": case, "n": n, "metrics": metrics}
+
+
+def write_results(
+    out: Path, experiment: str, seed: int, settings: dict[str, Any], rows: list[dict[str, Any]], paper: list[Any]
+) -> dict[str, Any]:
+    """Write ``results.json`` and ``table.md`` into the folder ``out``; returns the former's content."""
+    out.mkdir(parents=True, exist_ok=True)
+    results = {"experiment": experiment, "seed": seed, "settings": settings, "rows": rows, "paper": paper}
+    (out / "results.json").write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    (out / "table.md").write_text(markdown(experiment, rows), encoding="utf-8")
+    return results
+
+
+def markdown(experiment: str, rows: list[dict[str, Any]]) -> str:
+    """Rows as a Markdown table, with the columns that any of them has."""
+    known = [name for name in HEADINGS if any(name in entry["metrics"] for entry in rows)]
+    others = sorted({name for entry in rows for name in entry["metrics"]} - set(HEADINGS))
+    columns = known + others
+    lines = [
+        f"# {experiment}",
+        "",
+        "| method | case | n | " + " | ".join(HEADINGS.get(name, name) for name in columns) + " |",
+        "|---|---|---|" + "---|" * len(columns),
+    ]
+    for entry in rows:
+        cells = [_cell(entry["metrics"].get(name)) for name in columns]
+        lines.append(f"| {entry['method']} | {entry['case']} | {entry['n']} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _cell(value: float | None) -> str:
+    if value is None or value == -1.0:
+        return "–"
+    if float(value).is_integer() and abs(value) < 1e6:
+        return str(int(value))
+    return f"{value:.3g}" if abs(value) < 0.1 else f"{value:.3f}"

@@ -1,0 +1,71 @@
+"""One job of a campaign: a method, a case, a start; and the table over many of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from common.config import Config
+from common.geometry import Pose2
+from experiments.feature_world import Disturbances
+from experiments.pilots import PilotFactory
+from experiments.results import row
+from experiments.scenes import method_config
+from experiments.trial import Outcome, fly, goal_task, summarise
+
+Job = tuple["Case", int]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A method in one setting. ``config_text`` is the configuration as JSON, so that a process can keep its solver."""
+
+    method: str
+    name: str
+    config_text: str
+    array: str
+    starts: tuple[Pose2, ...]
+    disturbances: Disturbances
+    seed: int
+
+
+def make_case(
+    config: Config, method: str, name: str, starts: list[Pose2], disturbances: Disturbances, seed: int,
+    array: str = "vertical",
+) -> Case:  # fmt: skip
+    """A case; its runs are numbered by their starts."""
+    return Case(method, name, config.model_dump_json(), array, tuple(starts), disturbances, seed)
+
+
+def fly_job(job: Job) -> Outcome:
+    """Fly run ``i`` of a case; its noise depends on the seed and ``i`` alone, so methods meet the same noise."""
+    case, i = job
+    factory = _factory(case.config_text, case.method, case.array)
+    return fly(factory.task, factory.make(), case.starts[i], [case.seed, i], case.disturbances)
+
+
+def metrics_job(job: Job) -> dict[str, float]:
+    """The metrics alone: little to send between processes."""
+    return fly_job(job).metrics
+
+
+def all_jobs(cases: list[Case]) -> list[Job]:
+    """Every run of every case."""
+    return [(case, i) for case in cases for i in range(len(case.starts))]
+
+
+def table(cases: list[Case], metrics: list[dict[str, float]]) -> list[dict[str, Any]]:
+    """Rows of the results from the metrics of :func:`all_jobs`, in its order."""
+    rows, at = [], 0
+    for case in cases:
+        count = len(case.starts)
+        rows.append(row(case.method, case.name, count, summarise(metrics[at : at + count])))
+        at += count
+    return rows
+
+
+@cache
+def _factory(config_text: str, method: str, array: str) -> PilotFactory:
+    config = Config.model_validate_json(config_text)
+    return PilotFactory(method, goal_task(method_config(config, method, array)))

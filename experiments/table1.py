@@ -1,0 +1,86 @@
+"""The paper's Table I, and the same on wider starts and the tilted array: ``davpc experiment table1``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from common.config import Config
+from experiments.campaign import run_all
+from experiments.cramer_rao import bound
+from experiments.pilots import Task
+from experiments.results import row, write_results
+from experiments.runs import Case, all_jobs, fly_job, make_case, metrics_job, table
+from experiments.scenes import (
+    DISTURBANCES,
+    DURATION_S,
+    NOISE_PX,
+    NOISE_THETA_RAD,
+    PAPER_TABLE,
+    START_RANGES,
+    method_config,
+    random_starts,
+)
+from experiments.trial import goal_task
+
+CASES = ("T", "W", "T_tilted")
+BOUND_RUNS = 10
+
+
+def run(
+    out: Path,
+    seed: int,
+    jobs: int,
+    config: Config,
+    trials: int = 100,
+    methods: tuple[str, ...] = ("ibvs", "ke", "pose_based", "paper", "davpc"),
+    cases: tuple[str, ...] = CASES,
+) -> dict[str, Any]:
+    """Fly every method from the same random starts under the same noise; write ``results.json`` and ``table.md``.
+
+    Args:
+        out: folder to write to.
+        seed: of starts and noise.
+        jobs: processes.
+        trials: starts for each case.
+        cases: ``T`` the paper's range, ``W`` a wider one, ``T_tilted`` the runtime's array.
+
+    Raises:
+        ValueError: an unknown method or case.
+    """
+    unknown = [case for case in cases if case not in CASES]
+    if unknown:
+        raise ValueError(f"case {unknown[0]!r} is none of {', '.join(CASES)}")
+    todo = [_case(config, method, name, trials, seed) for name in cases for method in methods]
+    metrics = run_all(metrics_job, all_jobs(todo), jobs, "table1")
+    rows = table(todo, metrics) + [_bound_row(config, name, min(trials, BOUND_RUNS), seed) for name in cases]
+    return write_results(out, "table1", seed, _settings(trials, methods), rows, list(PAPER_TABLE))
+
+
+def _case(config: Config, method: str, name: str, trials: int, seed: int) -> Case:
+    array = "tilted" if name.endswith("tilted") else "vertical"
+    starts = random_starts(method_config(config, method, array), name, trials, seed)
+    return make_case(config, method, name, starts, DISTURBANCES["none"], seed, array)
+
+
+def _bound_row(config: Config, name: str, runs: int, seed: int) -> dict[str, Any]:
+    """The Cramér–Rao bound along the default method's own paths."""
+    case = _case(config, "davpc", name, runs, seed)
+    task: Task = goal_task(method_config(config, "davpc", case.array))
+    bounds = [bound(task, fly_job((case, i)).trace) for i in range(runs)]
+    return row("cramer_rao", name, runs, {key: float(np.mean([b[key] for b in bounds])) for key in bounds[0]})
+
+
+def _settings(trials: int, methods: tuple[str, ...]) -> dict[str, Any]:
+    return {
+        "trials": trials,
+        "methods": list(methods),
+        "noise_px": NOISE_PX,
+        "noise_theta_rad": NOISE_THETA_RAD,
+        "duration_s": DURATION_S,
+        "starts": {name: asdict(limits) for name, limits in START_RANGES.items()},
+        "paper": "the nominal controller on raw measurements, as the paper's simulation",
+    }
