@@ -9,10 +9,14 @@ from typing import Annotated
 import typer
 
 from common.config import ConfigError, default_config_path
+from common.node import DeviceError
 from common.processes import PROCESSES, process
+from station import cli_camera, cli_experiment
+from station.cli_options import ConfigOption, SetOption, numbers
 
 EXIT_NOT_DOCKED = 1
-EXIT_USAGE = 2
+EXIT_CONFIG = 2
+EXIT_DEVICE = 3
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -22,11 +26,6 @@ app = typer.Typer(
     help="Two robots dock luggage trolleys by vision: run them, simulate them, measure them.",
     epilog="A first docking, simulated down to pixels and CAN frames:  [bold]davpc sim[/]",
 )
-
-ConfigOption = Annotated[
-    Path | None, typer.Option("--config", help="TOML file of the pair", show_default="reference")
-]
-SetOption = Annotated[list[str] | None, typer.Option("--set", help="override, as table.key=value; repeatable")]
 
 
 @app.command(epilog="Example:  davpc sim --start 6,1.5,0 --seed 3 --out out/run3")
@@ -56,7 +55,7 @@ def sim(
     from station.progress import live_progress
 
     console = Console(force_terminal=False if headless else None, highlight=False)
-    world = [f"world.seed={seed}", f"world.start={list(_numbers(start, 3))}", f'world.scene="{scene}"']
+    world = [f"world.seed={seed}", f"world.start={list(numbers(start, 3))}", f'world.scene="{scene}"']
     run = launcher.Run(config or default_config_path(), [*(overrides or []), *world], out)
     console.print(f"docking from {start} ({'stepped' if stepped else 'processes'}, seed {seed})")
     with live_progress(console) as run.progress:
@@ -99,28 +98,23 @@ def processes() -> None:
         typer.echo(f"{entry.name:20s} {entry.robot:9s} FIFO {entry.priority}  {when:36s} {entry.purpose}")
 
 
-def _numbers(text: str, count: int) -> tuple[float, ...]:
-    """Comma-separated numbers.
-
-    Raises:
-        ConfigError: not ``count`` numbers.
-    """
-    try:
-        numbers = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        numbers = ()
-    if len(numbers) != count:
-        raise ConfigError(f"{text!r}: write {count} numbers with commas, such as 6,1.5,0")
-    return numbers
+app.command(epilog="Example:  davpc teach 1 --runtime /run/davpc")(cli_camera.teach)
+app.add_typer(cli_camera.camera, name="camera")
+app.add_typer(cli_camera.calibrate, name="calibrate")
+app.add_typer(cli_experiment.experiment, name="experiment")
+app.add_typer(cli_experiment.bench, name="bench")
 
 
 def main() -> None:
-    """Entry point: a user's mistake is one line and exit code 2."""
+    """Entry point: a user's mistake is one line and exit code 2, a device's failure one line and 3."""
     try:
         app()
     except ConfigError as error:
         typer.echo(f"davpc: {error}", err=True)
-        sys.exit(EXIT_USAGE)
+        sys.exit(EXIT_CONFIG)
+    except DeviceError as error:
+        typer.echo(f"davpc: {error}", err=True)
+        sys.exit(EXIT_DEVICE)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,155 @@
+"""``davpc experiment`` and ``davpc bench``: the paper's tables and figures, and what things cost."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from station.cli_options import ConfigOption, JobsOption, SeedOption, SetOption, loaded, names
+
+experiment = typer.Typer(no_args_is_help=True, help="Run the paper's experiments. `davpc experiment table1`")
+bench = typer.Typer(no_args_is_help=True, help="Measure side by side what things cost. `davpc bench control`")
+
+METHODS = ("ibvs", "ke", "pose_based", "paper", "davpc")
+MethodsOption = Annotated[str, typer.Option(help="comma-separated; all when empty")]
+CasesOption = Annotated[str, typer.Option(help="comma-separated; all when empty")]
+CORES = os.cpu_count() or 1
+
+
+@experiment.command(epilog="Example:  davpc experiment table1 --trials 100 --out out/table1")
+def table1(
+    trials: Annotated[int, typer.Option(min=1)] = 100,
+    methods: MethodsOption = "",
+    cases: CasesOption = "",
+    seed: SeedOption = 1,
+    jobs: JobsOption = CORES,
+    out: Path = Path("out/table1"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """The paper's Table I: every method from the same starts, under the same noise."""
+    from experiments import table1 as module
+
+    chosen = names(methods, METHODS, "method"), names(cases, module.CASES, "case")
+    module.run(out, seed, jobs, loaded(config, overrides), trials, *chosen)
+    _show(out)
+
+
+@experiment.command(epilog="Example:  davpc experiment trajectories")
+def trajectories(
+    seed: SeedOption = 1,
+    jobs: JobsOption = CORES,
+    out: Path = Path("out/trajectories"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """The paper's comparative figure: four starts, three methods."""
+    from experiments import trajectories as module
+
+    module.run(out, seed, jobs, loaded(config, overrides))
+    _show(out)
+
+
+@experiment.command(epilog="Example:  davpc experiment disturbance --trials 16")
+def disturbance(
+    trials: Annotated[int, typer.Option(min=1)] = 16,
+    methods: MethodsOption = "",
+    cases: CasesOption = "",
+    seed: SeedOption = 1,
+    jobs: JobsOption = CORES,
+    out: Path = Path("out/disturbance"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Pads, load, lag and drift: with and without disturbance rejection."""
+    from experiments import disturbance as module
+    from experiments.scenes import DISTURBANCES
+
+    chosen = names(methods, module.METHODS, "method"), names(cases, tuple(DISTURBANCES), "case")
+    module.run(out, seed, jobs, loaded(config, overrides), trials, *chosen)
+    _show(out)
+
+
+@experiment.command(epilog="Example:  davpc experiment sweep --trials 10")
+def sweep(
+    trials: Annotated[int, typer.Option(min=1)] = 10,
+    seed: SeedOption = 1,
+    jobs: JobsOption = CORES,
+    out: Path = Path("out/sweep"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Accuracy, smoothness and solve time against the horizon and the observer's bandwidth."""
+    from experiments import sweep as module
+
+    module.run(out, seed, jobs, loaded(config, overrides), trials)
+    _show(out)
+
+
+@experiment.command(epilog="Example:  davpc experiment perception --seeds 20 --scenes clean,glass_hall")
+def perception(
+    seeds: Annotated[int, typer.Option(min=1, help="approaches per scene")] = 20,
+    scenes: Annotated[str, typer.Option(help="comma-separated; all when empty")] = "",
+    out: Path = Path("out/perception"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Hard scenes: losses, wrong LEDs, false locks, and both routes to the pose beside the bound."""
+    from experiments import perception as module
+
+    module.run(out, loaded(config, overrides), seeds, names(scenes, tuple(module.SCENES), "scene"))
+    _show(out)
+
+
+@experiment.command("stop-times", epilog="Example:  davpc experiment stop-times --trials 100")
+def stop_times(
+    trials: Annotated[int, typer.Option(min=1)] = 100,
+    stalls: Annotated[int, typer.Option(min=0)] = 50,
+    seed: SeedOption = 1,
+    out: Path = Path("out/stop-times"),
+    config: ConfigOption = None,
+) -> None:
+    """How long the wheels go on after a process was killed or stopped."""
+    from experiments import stop_times as module
+
+    module.run(out, config, trials, stalls, seed, typer.echo)
+    _show(out)
+
+
+@bench.command(epilog="Example:  davpc bench control --problems 600")
+def control(
+    problems: Annotated[int, typer.Option(min=10)] = 600,
+    seed: SeedOption = 1,
+    out: Path = Path("out/bench-control"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """The same recorded problems through every solver."""
+    from experiments import bench_control as module
+
+    module.run(out, seed, 1, loaded(config, overrides), problems)
+    _show(out)
+
+
+@bench.command("perception", epilog="Example:  davpc bench perception --rounds 200")
+def bench_perception(
+    rounds: Annotated[int, typer.Option(min=10)] = 200,
+    out: Path = Path("out/bench-perception"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Every path of perception beside what one would use instead, on the same frames."""
+    from experiments import bench_perception as module
+
+    module.run(out, loaded(config, overrides), rounds)
+    _show(out)
+
+
+def _show(out: Path) -> None:
+    """Print the table that the experiment wrote, and where it lies."""
+    for table in sorted(out.glob("*.md")):
+        typer.echo(table.read_text(encoding="utf-8"))
+    typer.echo(f"written: {', '.join(str(path) for path in sorted(out.iterdir()) if path.is_file())}")

@@ -1,0 +1,51 @@
+"""Options and small parsers that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.config import Config, ConfigError, default_config_path, load_config
+
+ConfigOption = Annotated[
+    Path | None, typer.Option("--config", help="TOML file of the pair", show_default="reference")
+]
+SetOption = Annotated[list[str] | None, typer.Option("--set", help="override, as table.key=value; repeatable")]
+SeedOption = Annotated[int, typer.Option(min=0, help="of everything random")]
+JobsOption = Annotated[int, typer.Option(min=1, help="processes to share the work")]
+RuntimeOption = Annotated[Path, typer.Option(help="folder of the running robot's sockets and frames")]
+
+
+def loaded(config: Path | None, overrides: list[str] | None) -> Config:
+    """The configuration that the options name."""
+    return load_config(config or default_config_path(), overrides or [])
+
+
+def numbers(text: str, count: int) -> tuple[float, ...]:
+    """Comma-separated numbers.
+
+    Raises:
+        ConfigError: not ``count`` numbers.
+    """
+    try:
+        parsed = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        parsed = ()
+    if len(parsed) != count:
+        raise ConfigError(f"{text!r}: write {count} numbers with commas, such as 6,1.5,0")
+    return parsed
+
+
+def names(text: str, known: tuple[str, ...], what: str) -> tuple[str, ...]:
+    """Comma-separated names out of ``known``; all of them for an empty text.
+
+    Raises:
+        ConfigError: a name is not among them.
+    """
+    wanted = tuple(name.strip() for name in text.split(",") if name.strip()) or known
+    for name in wanted:
+        if name not in known:
+            raise ConfigError(f"no {what} {name!r}; there are: {', '.join(known)}")
+    return wanted
