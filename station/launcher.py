@@ -44,6 +44,7 @@ RUN_TIMEOUT_S = 150.0
 _AFTER_DEATH_NS = 1_500 * NS_PER_MS
 _TERMINATE_S = 3.0
 _PR_SET_PDEATHSIG = 1
+_PREFIX = "davpc-sim-"
 Progress = Callable[[DockingRecord], None]
 
 
@@ -302,11 +303,20 @@ def _die_with_parent() -> None:
 def _runtime_directory() -> Iterator[Path]:
     """A private directory for sockets and frames, in memory where there is any; gone at the end."""
     parent = next((path for path in ("/dev/shm", "/run/shm") if os.access(path, os.W_OK)), None)
-    path = Path(tempfile.mkdtemp(prefix="davpc-", dir=parent))
+    _remove_orphans(Path(parent or tempfile.gettempdir()))
+    path = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-", dir=parent))
     try:
         yield path
     finally:
         shutil.rmtree(path, ignore_errors=True)
+
+
+def _remove_orphans(parent: Path) -> None:
+    """Directories of launchers that were killed before they could clean up."""
+    for path in parent.glob(f"{_PREFIX}*-*"):
+        owner = path.name.removeprefix(_PREFIX).split("-")[0]
+        if owner.isdigit() and not Path(f"/proc/{owner}").exists():
+            shutil.rmtree(path, ignore_errors=True)
 
 
 @contextlib.contextmanager

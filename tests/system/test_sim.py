@@ -103,9 +103,13 @@ def test_an_interrupted_run_leaves_nothing(sim_run: Any, number: signal.Signals)
 def test_a_killed_launcher_takes_its_processes_with_it(sim_run: Any) -> None:
     run = sim_run("--start", "5,0.3,0")
     run.wait_for("approach")
-    children = run.children()
+    children, runtime = run.children(), run.runtime()
     run.process.kill()
     until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children.values()), 20)
+    run.process.wait()
+    # its directory stays until the next run finds nobody who owns it
+    assert sim_run("--stepped", "--start", "2.2,0,0").finish() == 0
+    assert not runtime.exists()
 
 
 @pytest.mark.parametrize(
