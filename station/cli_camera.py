@@ -144,7 +144,7 @@ def calibrate_mounting(
 
 def teach(
     trolley: Annotated[int, typer.Argument(min=1, help="K: which docking's image this is")],
-    frames: Annotated[int, typer.Option(min=20, help="frames to average")] = 120,
+    frames: Annotated[int, typer.Option(min=30, help="frames to average")] = 120,
     out: Annotated[Path | None, typer.Option(help="file to write", show_default="taught-K.json")] = None,
     runtime: RuntimeOption = ROBOT,
     config: ConfigOption = None,

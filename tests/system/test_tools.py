@@ -1,0 +1,69 @@
+"""Tools that look into a running robot, and their words when there is none."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+
+def davpc(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "station.cli", *arguments], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+@pytest.mark.alone
+def test_camera_and_teaching_on_a_running_robot(sim_run: Any, tmp_path: Path) -> None:
+    run = sim_run("--start", "5,0.3,0")
+    run.wait_for("approach")
+    runtime = str(run.runtime())
+    picture = tmp_path / "now.png"
+    taken = davpc("camera", "snapshot", "--runtime", runtime, "--out", str(picture))
+    assert taken.returncode == 0, taken.stderr
+    image = cv2.imread(str(picture), cv2.IMREAD_GRAYSCALE)
+    assert image is not None
+    assert image.shape == (1024, 1280)
+    assert image.max() > 100
+    focus = davpc("camera", "focus", "--runtime", runtime, "--frames", "5")
+    assert focus.returncode == 0, focus.stderr
+    assert "4 spots" in focus.stdout
+    moving = davpc("teach", "1", "--runtime", runtime, "--frames", "30", "--out", str(tmp_path / "taught.json"))
+    assert moving.returncode == 2
+    assert "robots at rest?" in moving.stderr
+
+
+def test_without_a_robot_they_say_so() -> None:
+    for arguments, code, said in (
+        (("camera", "snapshot"), 2, "needs a running simulation"),
+        (("teach", "1"), 2, "no robot runs here"),
+        (("calibrate", "camera", "absent-folder"), 2, "no images"),
+        (("calibrate", "mount", "absent.json"), 2, "absent.json"),
+        (("run", "follower-nose"), 2, "no process 'follower-nose'"),
+        (("run", "leader", "--runtime", "/nowhere"), 2, "/nowhere"),
+        (("experiment", "table1", "--methods", "magic"), 2, "no method 'magic'"),
+    ):
+        ended = davpc(*arguments)
+        assert ended.returncode == code, ended
+        assert said in ended.stderr
+        assert "Traceback" not in ended.stderr
+
+
+def test_a_board_in_view_is_calibrated_from_a_folder(tmp_path: Path) -> None:
+    blank = np.zeros((100, 120), np.uint8)
+    cv2.imwrite(str(tmp_path / "blank.png"), blank)
+    ended = davpc("calibrate", "camera", str(tmp_path))
+    assert ended.returncode == 2
+    assert "no whole board, left out" in ended.stdout
+    assert "0 images with the whole board" in ended.stderr
+
+
+def test_help_shows_every_command_with_an_example() -> None:
+    text = davpc("--help").stdout
+    for command in ("sim", "run", "processes", "camera", "calibrate", "teach", "experiment", "bench"):
+        assert f"davpc {command}" in " ".join(text.replace("│", "").split())
