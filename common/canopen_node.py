@@ -217,7 +217,7 @@ def load_dictionary(eds: Path, node_id: int) -> Any:
     except OSError as error:
         raise ConfigError(f"{eds}: cannot be read: {error.strerror}") from error
     except Exception as error:  # the parser's errors are of many kinds
-        raise ConfigError(f"{eds}: not an EDS: {error}") from error
+        raise ConfigError(f"{eds}: not an EDS: {str(error).splitlines()[0]}") from error
     if not dictionary.names:
         raise ConfigError(f"{eds}: not an EDS: it describes no object")
     return dictionary

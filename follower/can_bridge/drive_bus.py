@@ -36,7 +36,8 @@ _ANSWER_NS = NS_PER_MS // 2
 class DriveBus:
     """Eleven drives and one I/O module on one bus.
 
-    With ``listen_only`` nothing is ever sent: it follows what another bridge does on a live bus.
+    With ``listen_only`` nothing is ever sent: it follows what another bridge does on a live bus. ``heartbeat`` is
+    withheld by the enable test only, to see the drives' watchdogs fire while they still answer SYNC.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class DriveBus:
     ) -> None:
         self._config = config
         self._listen_only = listen_only
+        self.heartbeat = True
         self.axes = make_axes(config, base)
         self._eds = find_eds(config.drive_eds, config_path)
         self._io_eds = find_eds(config.io_eds, config_path)
@@ -166,7 +168,8 @@ class DriveBus:
         self._exchanged_ns = now_ns
         if bus is None or self._listen_only:
             return
-        bus.send(heartbeat_frame(self._config.master_node_id, STATE_OPERATIONAL))
+        if self.heartbeat:
+            bus.send(heartbeat_frame(self._config.master_node_id, STATE_OPERATIONAL))
         for axis, value in zip(self.axes, setpoint.per_axis(), strict=True):
             target = self._wheels if axis.group == "wheels" else self._arms
             reset = self._reset and axis.state is DriveState.FAULT

@@ -5,19 +5,20 @@ from __future__ import annotations
 import socket
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
 from common.canopen_io import LeaderIo
 from common.cia402 import DriveState
-from common.config import BusConfig
+from common.config import BusConfig, ConfigError
 from common.node import DeviceError
 from common.timing import NS_PER_MS
 from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.measurement import DriveSetpoint
 from sim.can_nodes import FollowerBus
 from sim.can_server import CanServer
-from tests.unit.canbus_rig import CONFIG_PATH, follower_rig, leader_rig, rim_speed, stepped_config
+from tests.unit.canbus_rig import CONFIG_PATH, DRIVE_EDS, follower_rig, leader_rig, rim_speed, stepped_config
 
 
 def test_enables_drives_and_quick_stops() -> None:
@@ -167,3 +168,61 @@ def test_the_same_over_a_socket() -> None:
             break
     assert any("CAN bus" in fault for fault in measured.faults)
     drives.close()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, r"EDS file 'mine.eds' is not beside it"),
+        ("hello", r"mine.eds: not an EDS: File contains no section headers"),
+        ("[DeviceInfo]\nVendorNumber=1\n", r"mine.eds: not an EDS: it describes no object"),
+    ],
+)
+def test_a_wrong_eds_is_one_clear_line(tmp_path: Path, text: str | None, message: str) -> None:
+    if text is not None:
+        (tmp_path / "mine.eds").write_text(text)
+    config = stepped_config()
+    changed = config.follower_can.model_copy(update={"drive_eds": "mine.eds"})
+    with follower_rig() as rig, pytest.raises(ConfigError, match=message) as raised:
+        DriveBus(changed, config.base, tmp_path / "robots.toml").open()
+    assert "\n" not in str(raised.value)
+    assert not any(drive.enabled for drive in rig.robot.drives)
+
+
+def test_an_eds_without_a_needed_object_is_named(tmp_path: Path) -> None:
+    lines = DRIVE_EDS.read_text().replace("[605A]", "[2605A]").replace("=0x605A", "=0x2605")
+    (tmp_path / "mine.eds").write_text(lines.replace("[2605A]", "[2605]"))
+    config = stepped_config()
+    changed = config.follower_can.model_copy(update={"drive_eds": "mine.eds"})
+    with follower_rig(), pytest.raises(DeviceError, match=r"mine.eds: no object 605Ah:00, needed by left wheel"):
+        DriveBus(changed, config.base, tmp_path / "robots.toml").open()
+
+
+def test_a_value_that_the_node_does_not_keep_is_named() -> None:
+    with follower_rig() as rig:
+        joint = rig.robot.joints[0]
+        joint.__dict__["written"] = lambda _key: joint.values.update({(0x6007, 0): 1})
+        with pytest.raises(
+            DeviceError, match=r"node 11 \(left joint 1\): object 6007h:00: wrote 3, the node keeps 1"
+        ):
+            rig.drives.open()
+
+
+def test_a_serial_number_pins_the_device() -> None:
+    with follower_rig() as rig:
+        wheel = rig.config.follower_can.left_wheel.model_copy(update={"serial": 4711})
+        changed = rig.config.follower_can.model_copy(update={"left_wheel": wheel})
+        with pytest.raises(DeviceError, match=r"node 1 \(left wheel\): object 1018h:04: serial number is 0"):
+            DriveBus(changed, rig.config.base, CONFIG_PATH).open()
+
+
+def test_no_server_is_one_clear_line() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        host, port = server.getsockname()
+    config = stepped_config()
+    bus = BusConfig(interface="socketcand", channel="follower", host=host, port=port)
+    drives = DriveBus(config.follower_can.model_copy(update={"bus": bus}), config.base, CONFIG_PATH)
+    with pytest.raises(DeviceError, match=rf"CAN bus follower \(socketcand at {host}:{port}\): no socketcand server"):
+        drives.open()
+    measured = drives.exchange(1, DriveSetpoint())
+    assert (measured.bus_ok, measured.faults) == (False, ("CAN bus follower: not open",))

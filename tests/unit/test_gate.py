@@ -485,6 +485,8 @@ def test_each_phase_has_its_cap(phase: str) -> None:
     assert Bench(wide, **loose).drive(9.0, steps=200).v_m_s == pytest.approx(cap.v_m_s)
     assert Bench(wide, **loose).drive(0.0, 9.0, steps=200).w_rad_s == pytest.approx(cap.w_rad_s)
     both = Bench(wide, **loose).drive(cap.v_m_s, cap.w_rad_s, steps=200)
+    back = Bench(replace_limits(v_min_m_s=-0.2, w_max_rad_s=0.8), **loose).drive(-0.05, cap.w_rad_s, steps=200)
+    assert abs(back.v_m_s) + abs(back.w_rad_s) * TRACK / 2 <= cap.wheel_m_s + 1e-9
     rim = abs(both.v_m_s) + abs(both.w_rad_s) * TRACK / 2
     assert rim == pytest.approx(min(cap.wheel_m_s, cap.v_m_s + cap.w_rad_s * TRACK / 2))
 
