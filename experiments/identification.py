@@ -69,13 +69,31 @@ def _candidates(
     config: Config, optics: Optics, case: Case, draws: np.random.Generator, number: int
 ) -> tuple[Array, Array, list[int]]:
     """Pixels (N, 2) and peaks (N,) of what can be seen, and which of them is each LED (−1: none)."""
+    view = _random_view(config, case, draws, number)
+    size = (config.camera.width_px, config.camera.height_px)
+    seen = [
+        speck
+        for speck in optics.specks(view)
+        if speck.peak > FAINTEST_GREY and 0 <= speck.u_px < size[0] and 0 <= speck.v_px < size[1]
+    ]
+    order = draws.permutation(len(seen))
+    pixels = np.array([(seen[old].u_px, seen[old].v_px) for old in order]).reshape(-1, 2)
+    peaks = np.array([seen[old].peak for old in order])
+    leds = []
+    for point, peak in zip(*optics.led_truth(view), strict=True):
+        same = np.flatnonzero((pixels == point).all(axis=1)) if peak > FAINTEST_GREY else np.zeros(0, dtype=np.intp)
+        leds.append(int(same[0]) if len(same) else -1)
+    return pixels + draws.normal(0.0, NOISE_PX, pixels.shape), peaks, leds
+
+
+def _random_view(config: Config, case: Case, draws: np.random.Generator, number: int) -> View:
+    """A pose that the LEDs' beams reach, lamps between and behind the robots, the camera a little tilted."""
     distance, bearing = draws.uniform(1.5, FARTHEST_M), draws.uniform(-0.5, 0.5)
-    aspect = draws.uniform(-0.5, 0.5)
-    pose = Pose2(distance * math.cos(bearing), distance * math.sin(bearing), bearing + aspect)
+    heading = bearing + draws.uniform(-0.5, 0.5)
     lamps = tuple(
         Lamp(
             (
-                float(draws.uniform(-distance + 2.0, 8.0)),
+                float(draws.uniform(2.0 - distance, 8.0)),
                 float(draws.uniform(-6.0, 6.0)),
                 float(draws.uniform(1.25, 3.0)),
             ),
@@ -84,29 +102,15 @@ def _candidates(
         for _ in range(case.lamps)
     )
     others = (SecondArray(Pose2(0.0, 0.0, 0.0), mirrored=True),) if case.mirrored else ()
-    scene = Scene("random", leds_lit=case.leds_lit, lamps=lamps, others=others)
     currents = [config.leds.current_a] * len(config.leds.points)
-    hidden = int(draws.integers(len(currents))) if case.hidden else -1
     if case.hidden:
-        currents[hidden] = 0.0
-    tilt = draws.normal(0.0, math.radians(0.3), 2)
-    view = View(number, pose, tuple(currents), float(tilt[0]), float(tilt[1]), scene=scene)
-    truth, lit = optics.led_truth(view)
-    specks = [
-        speck
-        for speck in optics.specks(view)
-        if speck.peak > FAINTEST_GREY
-        and 0 <= speck.u_px < config.camera.width_px
-        and 0 <= speck.v_px < config.camera.height_px
-    ]
-    pixels = np.array([(speck.u_px, speck.v_px) for speck in specks]).reshape(-1, 2)
-    peaks = np.array([speck.peak for speck in specks])
-    leds = []
-    for point, peak in zip(truth, lit, strict=True):
-        distances = np.hypot(*(pixels - point).T) if len(pixels) else np.zeros(0)
-        near = int(np.argmin(distances)) if len(distances) else -1
-        leds.append(near if peak > FAINTEST_GREY and distances[near] < 1e-6 else -1)
-    order = draws.permutation(len(specks))
-    place = {int(old): new for new, old in enumerate(order)}
-    noisy = pixels[order] + draws.normal(0.0, NOISE_PX, pixels.shape)
-    return noisy, peaks[order], [place.get(led, -1) for led in leds]
+        currents[int(draws.integers(len(currents)))] = 0.0
+    pitch, roll = draws.normal(0.0, math.radians(0.3), 2)
+    return View(
+        number,
+        Pose2(distance * math.cos(bearing), distance * math.sin(bearing), heading),
+        tuple(currents),
+        float(pitch),
+        float(roll),
+        scene=Scene("random", leds_lit=case.leds_lit, lamps=lamps, others=others),
+    )
