@@ -19,6 +19,7 @@ from common.config import Config, default_config_path, load_config
 from common.frame_ring import Image
 from common.geometry import Pose2
 from experiments.approach import PERIOD_NS, RATE_HZ, Look, approach
+from experiments.identification import CASES, identification_rates
 from experiments.pose_bound import pose_bound, theta_errors
 from follower.estimator.pipeline import Perception
 from sim.optics import Optics
@@ -46,7 +47,8 @@ def run(
         config: the robots; None: the default configuration.
         seeds: approaches per scene.
         scenes: names from :data:`sim.scenes.SCENES`.
-        trials: noisy images per distance of the comparison with the bound.
+        trials: noisy images per distance of the comparison with the bound, and random scenes per case of
+            identification.
     """
     robots = config if config is not None else load_config(default_config_path())
     out.mkdir(parents=True, exist_ok=True)
@@ -68,6 +70,9 @@ def run(
             "homography_over_15_deg_percent": error.homography_gross_percent,
         }
         rows.append({"method": "theta_bound", "case": f"{error.distance_m:g} m", "metrics": metrics})
+    for case in CASES:
+        rates = identification_rates(robots, case, trials, seed=0)
+        rows.append({"method": "identification", "case": case.name, "metrics": rates})
     results = {"experiment": "perception", "seeds": seeds, "sigma_px": REFERENCE_SIGMA_PX, "rows": rows}
     (out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     (out / "perception.md").write_text(_markdown(rows), encoding="utf-8")

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from common.config import ConfigError, LensConfig
 from common.geometry import Array
 from sim.optics_lens import Law, image_by_law
 from station.calibration import (
     Board,
+    Calibration,
     CalibrationError,
+    Coverage,
     calibrate_camera,
     coverage_of,
     find_corners,
@@ -20,6 +24,7 @@ from station.calibration import (
     project,
     rays,
 )
+from station.calibration_file import store, stored
 
 SIZE = (1280, 1024)
 FIELD_RAD = math.radians(120.0)
@@ -128,3 +133,20 @@ def test_corners_are_found_to_sub_pixel() -> None:
 
 def test_an_image_without_board_has_no_corners() -> None:
     assert find_corners(np.zeros((480, 640), np.uint8), BOARD) is None
+
+
+def test_calibration_is_stored_with_whose_it_is(tmp_path: Path) -> None:
+    lens = LensConfig(
+        model="fisheye", fx_px=420.0, fy_px=421.5, cx_px=639.0, cy_px=511.0, coefficients=(0.02, -4e-3, 1e-7, 0.0)
+    )
+    found = Calibration(lens, 0.12, {"rational": 0.3, "fisheye": 0.14}, Coverage(0.8, ()), 23)
+    path = tmp_path / "camera.toml"
+    store(found, 'serial "7"', "2026-05-04", SIZE, path)
+    again = stored(path)
+    assert (again.camera, again.date, again.size, again.lens) == ('serial "7"', "2026-05-04", SIZE, lens)
+    assert (again.rms_px, again.held_out_px, again.coverage, again.views) == (0.12, 0.14, 0.8, 23)
+    path.write_text(path.read_text().replace("fisheye", "mirror"))
+    with pytest.raises(ConfigError, match=r"camera\.toml: lens\.model"):
+        stored(path)
+    with pytest.raises(ConfigError, match="not a calibration"):
+        stored(tmp_path / "missing.toml")

@@ -11,6 +11,7 @@ import pytest
 from common.config import Config
 from common.geometry import Pose2
 from experiments import bench_perception, perception
+from experiments.identification import CASES, Case, identification_rates
 from experiments.pose_bound import pose_bound, theta_errors
 
 
@@ -26,6 +27,16 @@ def test_bound_grows_with_distance_and_noise(config: Config) -> None:
     far = pose_bound(config, Pose2(6.0, 0.0, 0.0), 0.2)
     assert (far > near).all()
     assert pose_bound(config, Pose2(3.0, 0.0, 0.0), 0.4) == pytest.approx(2 * near)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_identification_is_rather_silent_than_wrong(config: Config, case: Case) -> None:
+    rates = identification_rates(config, case, frames=60, seed=3)
+    assert rates["false_percent"] == 0.0
+    if case.leds_lit and case.lamps == 0:
+        assert rates["right_percent"] > 85.0
+    if not case.leds_lit:
+        assert rates["silent_percent"] == 100.0
 
 
 def test_experiment_writes_rows_table_and_picture(config: Config, tmp_path: Path) -> None:
