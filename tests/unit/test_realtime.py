@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import daqp
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +12,6 @@ from hypothesis import strategies as st
 
 from common.config import Config, ConfigError, default_config_path, load_config
 from common.geometry import Array, Pose2, features_at, move_relative, pose_from_paper_start
-from follower.controller import realtime
 from follower.controller.interface import PlanStatus, SpeedCaps, make_controller
 from follower.controller.knots import KnotBasis
 from follower.controller.realtime import RealtimeController
@@ -171,7 +171,7 @@ def test_solver_that_fails_or_lies_is_caught(
     def lying(hessian: Array, *_: Any, **__: Any) -> tuple[Array, float, int, dict[str, int]]:
         return np.full(len(hessian), answer), 0.0, flag, {"iterations": 1}
 
-    monkeypatch.setattr(realtime.daqp, "solve", lying)
+    monkeypatch.setattr(daqp, "solve", lying)
     plan = make().solve(Pose2(3.0, 0.0, 0.0), GOAL, 0.0, GOAL, 0.0, (0.0, 0.0), CAPS)
     assert plan.status is status
     assert not plan.usable
