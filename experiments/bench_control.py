@@ -14,7 +14,14 @@ from common.geometry import Array, Pose2
 from experiments.pilots import PilotFactory, Task
 from experiments.plain_ipopt import PlainIpopt
 from experiments.results import row, write_results
-from experiments.scenes import DISTURBANCES, PAPER_STARTS, method_config, paper_start
+from experiments.scenes import (
+    DISTURBANCES,
+    FRAME_RATE_HZ,
+    FRAMES_PER_COMMAND,
+    PAPER_STARTS,
+    method_config,
+    paper_start,
+)
 from experiments.sweep_settings import with_horizon, with_points
 from experiments.trial import fly, goal_task
 from follower.controller.interface import Plan, PredictiveController, SpeedCaps, make_controller
@@ -102,11 +109,12 @@ def record_problems(config: Config, count: int, seed: int) -> list[Problem]:
     factory = PilotFactory("davpc", task)
     recorder = _Recorder(make_controller(task.config), task)
     each = -(-count // len(PAPER_STARTS))
+    duration_s = each * FRAMES_PER_COMMAND / FRAME_RATE_HZ
     kept: list[Problem] = []
     for i, start in enumerate(PAPER_STARTS):
         recorder.problems.clear()
-        fly(task, factory.make_with(recorder), paper_start(start), [seed, i], DISTURBANCES["none"])
-        kept.extend(recorder.problems[:each])
+        fly(task, factory.make_with(recorder), paper_start(start), [seed, i], DISTURBANCES["none"], duration_s)
+        kept.extend(recorder.problems)
     return kept[:count]
 
 

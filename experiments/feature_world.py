@@ -121,7 +121,7 @@ class FeatureWorld:
         noise_px, noise_theta = self._noise
         true = self.true_pixels()
         noisy = true + noise_px * self._random.standard_normal(true.shape)
-        noisy[~inside_image(self._config, true)] = np.nan
+        noisy[np.logical_not(inside_image(self._config, true))] = np.nan
         theta = wrap_angle(-self.pose.theta_rad + noise_theta * self._random.standard_normal())
         return Measurement(time_ns, self._config.camera.pinhole.to_normalised(noisy), theta)
 

@@ -47,7 +47,8 @@ class Task:
     @property
     def heights(self) -> Array:
         """Δh per point."""
-        return self.camera[2] - self.points_l[:, 2]
+        heights: Array = self.camera[2] - self.points_l[:, 2]
+        return heights
 
     @property
     def desired(self) -> Array:
@@ -303,9 +304,9 @@ class PilotFactory:
         """A pilot for one run."""
         if self._controller is not None:
             return self._predictive(self._controller)
-        simple = {"ibvs": IbvsPilot, "ke": KePilot, "pose_based": PoseBasedPilot}
-        pilot: Pilot = simple[self._method](self.task)
-        return pilot
+        if self._method == "ibvs":
+            return IbvsPilot(self.task)
+        return KePilot(self.task) if self._method == "ke" else PoseBasedPilot(self.task)
 
     def make_with(self, controller: PredictiveController) -> Pilot:
         """A pilot of a predictive method that solves with ``controller``."""

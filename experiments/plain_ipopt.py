@@ -1,6 +1,6 @@
 """The paper's problem as a CasADi user would first write it: MX, multiple shooting, IPOPT, a cold start each time.
 
-The yardstick of ``davpc bench control``; hard visibility constraints and no limit on u_0, as eq. (nmpc_problem) has it.
+The yardstick of ``davpc bench control``: hard visibility constraints, u_0 free, as eq. (nmpc_problem) has it.
 """
 
 from __future__ import annotations

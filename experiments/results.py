@@ -40,7 +40,7 @@ def markdown(experiment: str, rows: list[dict[str, Any]]) -> str:
     """Rows as a Markdown table, with the columns that any of them has."""
     known = [name for name in HEADINGS if any(name in entry["metrics"] for entry in rows)]
     others = sorted({name for entry in rows for name in entry["metrics"]} - set(HEADINGS))
-    columns = known + others
+    columns: list[str] = [*known, *others]
     lines = [
         f"# {experiment}",
         "",
@@ -49,7 +49,7 @@ def markdown(experiment: str, rows: list[dict[str, Any]]) -> str:
     ]
     for entry in rows:
         cells = [_cell(entry["metrics"].get(name)) for name in columns]
-        lines.append(f"| {entry['method']} | {entry['case']} | {entry['n']} | " + " | ".join(cells) + " |")
+        lines.append(" | ".join(["", str(entry["method"]), str(entry["case"]), str(entry["n"]), *cells, ""]).strip())
     return "\n".join(lines) + "\n"
 
 

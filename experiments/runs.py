@@ -19,7 +19,7 @@ Job = tuple["Case", int]
 
 @dataclass(frozen=True)
 class Case:
-    """A method in one setting. ``config_text`` is the configuration as JSON, so that a process can keep its solver."""
+    """A method in one setting; the configuration as JSON, by which a process knows the solver it has built."""
 
     method: str
     name: str

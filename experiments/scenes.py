@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,11 +19,15 @@ FRAMES_PER_COMMAND = 3
 OVER_BOUND_M = 0.06
 PAPER_STARTS = ((6.0, 1.5, 0.0), (8.0, 1.0, -30.0), (7.0, -0.5, -45.0), (4.0, -1.0, 45.0))
 DISTURBED_START = (6.2, 1.6, -45.0)
-PAPER_TABLE = (
-    {"method": "ibvs", "e_x_cm": 5.410, "e_y_cm": 31.827, "e_theta_deg": 12.375, "e_p_px": 1.834, "m_v": 0.011, "m_w": 0.003},
-    {"method": "ke", "e_x_cm": 2.604, "e_y_cm": 0.764, "e_theta_deg": 4.559, "e_p_px": 44.599, "m_v": 0.064, "m_w": 0.204},
-    {"method": "paper", "e_x_cm": 1.431, "e_y_cm": 0.598, "e_theta_deg": 0.240, "e_p_px": 1.476, "m_v": 0.010, "m_w": 0.057},
-)  # fmt: skip
+_COLUMNS = ("e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px", "m_v", "m_w")
+PAPER_TABLE = tuple(
+    {"method": method, **dict(zip(_COLUMNS, values, strict=True))}
+    for method, values in (
+        ("ibvs", (5.410, 31.827, 12.375, 1.834, 0.011, 0.003)),
+        ("ke", (2.604, 0.764, 4.559, 44.599, 0.064, 0.204)),
+        ("paper", (1.431, 0.598, 0.240, 1.476, 0.010, 0.057)),
+    )
+)
 PAPER_DISTURBANCE = ({"method": "vpc", "e_y_cm": 4.6}, {"method": "paper", "e_y_cm": 0.4})
 PAPER_TUNING = {"terminal_weight": 1.0, "terminal_weight_theta": 2.0, "effort_weight": (0.003, 0.003)}
 
@@ -40,21 +44,33 @@ class StartRange:
 
 START_RANGES = {"T": StartRange(4.0, 8.0, 1.5, 45.0), "W": StartRange(2.5, 8.0, 2.0, 60.0)}
 
-_SLIP = {"speed_gain": 0.75, "turn_gain": 0.60}
-_YAW, _SIDEWAYS = {"yaw_rad_s": 0.08}, {"sideways_m_s": 0.04}
-_EARLY, _LATE = (2.0, 3.2), (1.6, 2.2)
+_EARLY, _LATE = Pads(2.0, 3.2), Pads(1.6, 2.2)
+
+
+def _slip(pads: Pads) -> Pads:
+    return replace(pads, speed_gain=0.75, turn_gain=0.60)
+
+
+def _yaw(pads: Pads) -> Pads:
+    return replace(pads, yaw_rad_s=0.08)
+
+
+def _sideways(pads: Pads) -> Pads:
+    return replace(pads, sideways_m_s=0.04)
+
+
 DISTURBANCES = {
     "none": Disturbances(),
     "load": Disturbances(load_gain=0.85),
-    "slip_pads": Disturbances(pads=(Pads(*_EARLY, **_SLIP),)),
-    "lateral_pads": Disturbances(pads=(Pads(*_EARLY, **_SIDEWAYS),)),
-    "yaw_pads": Disturbances(pads=(Pads(*_EARLY, **_YAW),)),
-    "late_yaw_pads": Disturbances(pads=(Pads(*_LATE, **_YAW),)),
-    "late_lateral_pads": Disturbances(pads=(Pads(*_LATE, **_SIDEWAYS),)),
+    "slip_pads": Disturbances(pads=(_slip(_EARLY),)),
+    "lateral_pads": Disturbances(pads=(_sideways(_EARLY),)),
+    "yaw_pads": Disturbances(pads=(_yaw(_EARLY),)),
+    "late_yaw_pads": Disturbances(pads=(_yaw(_LATE),)),
+    "late_lateral_pads": Disturbances(pads=(_sideways(_LATE),)),
     "yaw_bias": Disturbances(yaw_bias_rad_s=0.05),
-    "pads_load_lag": Disturbances(load_gain=0.85, lag_s=0.15, pads=(Pads(*_EARLY, **_SLIP, **_SIDEWAYS, **_YAW),)),
+    "pads_load_lag": Disturbances(load_gain=0.85, lag_s=0.15, pads=(_slip(_sideways(_yaw(_EARLY))),)),
     "late_pads_load_lag_bias": Disturbances(
-        load_gain=0.85, lag_s=0.15, yaw_bias_rad_s=0.05, pads=(Pads(*_LATE, **_SLIP, **_YAW),)
+        load_gain=0.85, lag_s=0.15, yaw_bias_rad_s=0.05, pads=(_slip(_yaw(_LATE)),)
     ),
 }
 

@@ -48,12 +48,19 @@ class Outcome:
     trace: Trace
 
 
-def fly(task: Task, pilot: Pilot, start: Pose2, seed: list[int], disturbances: Disturbances) -> Outcome:
-    """Run ``DURATION_S``: a frame at 60 Hz, a command from every third."""
+def fly(
+    task: Task,
+    pilot: Pilot,
+    start: Pose2,
+    seed: list[int],
+    disturbances: Disturbances,
+    duration_s: float = DURATION_S,
+) -> Outcome:
+    """Run for a while: a frame at 60 Hz, a command from every third."""
     world = FeatureWorld(task.config, start, seed, disturbances, NOISE_PX, NOISE_THETA_RAD)
     trace, applied, lost = Trace(), (0.0, 0.0), False
     settled_since = math.nan
-    for frame in range(round(DURATION_S * FRAME_RATE_HZ)):
+    for frame in range(round(duration_s * FRAME_RATE_HZ)):
         time_s = frame / FRAME_RATE_HZ
         pilot.see(world.measure(round(time_s * NS_PER_S)), world.wheels, applied)
         if frame % FRAMES_PER_COMMAND == 0:

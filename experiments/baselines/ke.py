@@ -1,8 +1,8 @@
 """Ke et al. 2017, reconstructed from its citation: one point and θ, chained form, predictive control.
 
 The goal's place in {F} follows from the point's depth Δh/β and from θ; with the heading it makes the chained form
-ẏ = x θ̇. All three are driven to zero by a quadratic stage cost over a short horizon, within the velocity bounds. There
-is no field-of-view constraint and no rate limit. Weights are a reconstruction too.
+ẏ = x θ̇. All three are driven to zero by a quadratic stage cost over a short horizon, within the velocity bounds.
+There is no field-of-view constraint and no rate limit. Weights are a reconstruction too.
 """
 
 from __future__ import annotations

@@ -25,6 +25,7 @@ from follower.controller.model import extended_state, flipped_features
 from follower.controller.transcription import Transcription
 from follower.motion import NO_DISTURBANCE, MotionDisturbance
 
+TOLERANCE = 1e-4
 _STATUSES = {
     "Maximum_Iterations_Exceeded": PlanStatus.ITERATION_LIMIT,
     "Infeasible_Problem_Detected": PlanStatus.INFEASIBLE,
@@ -128,12 +129,17 @@ class PaperNmpc:
             lbg=self._constraint_bounds[0],
             ubg=self._constraint_bounds[1],
         )
-        return self._plan(np.asarray(solution["x"]).ravel(), float(solution["f"]), self._solver.stats())
+        values, residuals = np.asarray(solution["x"]).ravel(), np.asarray(solution["g"]).ravel()
+        lower, upper = self._constraint_bounds
+        worst = max((low - values).max(), (values - high).max(), (lower - residuals).max(), (residuals - upper).max())
+        return self._plan(values, float(worst), float(solution["f"]), self._solver.stats())
 
-    def _plan(self, solution: Array, objective: float, stats: dict[str, Any]) -> Plan:
+    def _plan(self, solution: Array, worst_violation: float, objective: float, stats: dict[str, Any]) -> Plan:
+        """Trust no status alone: a solution counts only if it also keeps its constraints."""
         shape = self._shape
         iterations = int(stats.get("iter_count", 0))
-        if not stats["success"] or not np.isfinite(solution).all():
+        kept = bool(np.isfinite(solution).all()) and worst_violation <= TOLERANCE
+        if not stats["success"] or not kept:
             self._warm = None
             status = _STATUSES.get(str(stats["return_status"]), PlanStatus.NUMERICAL_FAILURE)
             return failed_plan(status, shape.horizon, shape.state, iterations)

@@ -1,8 +1,8 @@
 """The default controller: the paper's problem in 3 states, by one Gauss–Newton step a period.
 
 The state is the relative pose; the features are its outputs, and the terminal cost of eq. (nmpc_problem) stays on
-them. The motion is condensed into the inputs, which are linear between knots: velocity bounds and rate limit hold
-exactly at every step if they hold at the knots. What is left is a dense quadratic program of two variables a knot,
+them. The motion is condensed into the inputs, which are linear between knots: velocity bounds and rate limit hold at
+every step if they hold at the knots. What is left is a dense quadratic program of two variables a knot,
 solved by daqp, with soft rows for features that come near the edge of the image.
 """
 
@@ -134,7 +134,12 @@ class RealtimeController:
 
     def _guess(self, last_applied: tuple[float, float]) -> tuple[Array, int]:
         if self._warm is None:
-            return np.repeat(last_applied, self._size), COLD_STEPS
+            steps = self._knots.knots + 1
+            rates = (self._limits.controller_dv_m_s, self._limits.controller_dw_rad_s)
+            braking = [
+                np.sign(u) * np.maximum(0.0, abs(u) - d * steps) for u, d in zip(last_applied, rates, strict=True)
+            ]
+            return np.concatenate(braking), COLD_STEPS
         return (self._knots.shift @ self._warm.reshape(2, -1).T).T.reshape(-1), 1
 
     def _roll_out(self, pose: Pose2, knots: Array, free: Array, disturbance: MotionDisturbance) -> Rollout:

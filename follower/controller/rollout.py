@@ -10,9 +10,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.geometry import Array, Pose2
 from follower.motion import FULL_DRIFT_SPEED_M_S, MotionDisturbance
+
+ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -27,15 +30,16 @@ class Rollout:
 
     start: Pose2
     heading_rad: Array
-    position_m: np.ndarray[tuple[int], np.dtype[np.complex128]]
-    step_m: np.ndarray[tuple[int], np.dtype[np.complex128]]
+    position_m: ComplexArray
+    step_m: ComplexArray
     turn_by_v: Array
     turn_by_w: float
     period_s: float
 
     def pose(self, k: int) -> Pose2:
         """Pose of {L} in {F} after k steps."""
-        seen = self._seen(self.position_m[k]) * self._turned_back(k)
+        to_leader = complex(self.start.x_m, self.start.y_m) - complex(self.position_m[k])
+        seen = to_leader * self._turned_back(k)
         return Pose2(seen.real, seen.imag, self.start.theta_rad - float(self.heading_rad[k]))
 
     def poses(self) -> Array:
@@ -59,9 +63,10 @@ class Rollout:
         angle = -float(self.heading_rad[k])
         return complex(math.cos(angle), math.sin(angle))
 
-    def _seen(self, position_m: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    def _seen(self, position_m: ComplexArray) -> ComplexArray:
         """Vector to the origin of {L}, axes of the first {F}."""
-        return complex(self.start.x_m, self.start.y_m) - position_m
+        seen: ComplexArray = complex(self.start.x_m, self.start.y_m) - position_m
+        return seen
 
 
 def roll_out(start: Pose2, v_m_s: Array, w_rad_s: Array, period_s: float, disturbance: MotionDisturbance) -> Rollout:

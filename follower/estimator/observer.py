@@ -26,6 +26,7 @@ BETWEEN_ONSETS_S = 0.35
 TIE_AFTER_S = 0.7
 TIE_CHI2 = 2.3  # a disturbance this near to zero, squared in its own standard deviations, is taken for zero
 SETTLED_SHARE = 1 / 9  # of the onset's variance, before zero may be concluded
+CLEAR_SIGMAS = 5.0  # a disturbance beyond so many of its quiet standard deviations is one that can end
 DRIVING = 0.2  # share of the full drift above which disturbances can be told
 
 
@@ -132,13 +133,17 @@ class RelativeObserver:
         onset = None
         if self._may_begin():
             if 2 * inside.sum() < seen.sum():
-                onset = Onset(acting_s=0.1, sideways=True, forward=True)
+                onset = Onset(acting_s=0.1, sideways=1.0, forward=1.0)
             elif inside.sum() >= 2:
                 rows = np.repeat(inside, 2)
                 onset = self._detector.update(residual[inside], spread[rows][:, rows])
         if onset is None:
             return inside
-        self._set_free(onset)
+        if self._has_ended(onset, jacobian):
+            self._set_to_zero(onset.acting_s)
+        else:
+            self._set_free(onset)
+        self._onset_ns = self._time_ns
         return _inside(residual, self._spread(jacobian), seen)
 
     def _spread(self, jacobian: Array) -> Array:
@@ -155,9 +160,27 @@ class RelativeObserver:
         """Widen the disturbances, as if they had been acting on the pose for a while already."""
         acted = self._acting * onset.acting_s
         acted[DISTURBANCE] = np.eye(4)
-        widened = self._onset_variance * [onset.forward, onset.sideways, onset.sideways, onset.sideways]
+        forward, sideways = onset.forward != 0.0, onset.sideways != 0.0
+        widened = self._onset_variance * [forward, sideways, sideways, sideways]
         self._covariance = self._covariance + (acted * widened) @ acted.T
-        self._onset_ns = self._time_ns
+
+    def _has_ended(self, onset: Onset, jacobian: Array) -> bool:
+        """Whether the innovation goes to where it would if the disturbance known so far were gone."""
+        value = self._state[DISTURBANCE]
+        if np.all(np.abs(value) < CLEAR_SIGMAS * np.sqrt(self._quiet_variance)):
+            return False
+        without = -jacobian[0::2, POSE].mean(axis=0) @ self._acting[POSE] @ value
+        return bool(without * onset.sideways > 0.0)
+
+    def _set_to_zero(self, acting_s: float) -> None:
+        """End the disturbance, and take back what it moved the pose since it really ended."""
+        back = -acting_s * self._acting[POSE] @ self._state[DISTURBANCE]
+        self._state[POSE] += back
+        self._state[DISTURBANCE] = 0.0
+        pose = self._covariance[POSE, POSE] + 0.25 * np.outer(back, back)
+        self._covariance = np.zeros((STATES, STATES))
+        self._covariance[POSE, POSE] = pose
+        self._covariance[DISTURBANCE, DISTURBANCE] = np.diag(self._quiet_variance)
 
     def _tie_to_zero(self) -> None:
         """Conclude, of the disturbance nearest to zero, that it is none, once that can be told."""

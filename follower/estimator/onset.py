@@ -19,11 +19,16 @@ DELAY_S = (0.25, 0.60)  # how long a disturbance has acted, about, when each mea
 
 @dataclass(frozen=True)
 class Onset:
-    """A disturbance has begun, or ended."""
+    """The motion is not what it was taken for: a disturbance has begun, changed or ended.
+
+    Attributes:
+        acting_s: for about how long already.
+        sideways, forward: mean innovation of α, of β, in its standard deviations; zero where it tells nothing.
+    """
 
     acting_s: float
-    sideways: bool
-    forward: bool
+    sideways: float
+    forward: float
 
 
 class OnsetDetector:
@@ -45,5 +50,6 @@ class OnsetDetector:
         hits = squared > np.array(THRESHOLD)[:, None]
         if not hits.any():
             return None
+        sideways, forward = np.where(hits.any(axis=0), self._means[0], 0.0)
         self.reset()
-        return Onset(DELAY_S[0] if hits[0].any() else DELAY_S[1], bool(hits[:, 0].any()), bool(hits[:, 1].any()))
+        return Onset(DELAY_S[0] if hits[0].any() else DELAY_S[1], float(sideways), float(forward))

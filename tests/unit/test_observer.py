@@ -127,3 +127,67 @@ def test_pose_at_is_where_the_wheels_bring_it() -> None:
     expected = move_relative(Pose2(3.0, 0.2, 0.1), 0.3, -0.2, 0.05)
     ahead = observer.pose_at(50_000_000, 0.3, -0.2)
     np.testing.assert_allclose(ahead.as_array(), expected.as_array())
+
+
+def drive(
+    observer: RelativeObserver, disturbance: MotionDisturbance, frames: range, truth: Pose2, seed: int
+) -> tuple[Pose2, list[MotionDisturbance]]:
+    """Drive with a disturbance that the wheels do not tell; true pose at the end, and every estimate."""
+    random, estimates, v, w = np.random.default_rng(seed), [], 0.2, 0.05
+    for k in frames:
+        truth = Pose2(*advance(stacked(truth, disturbance), v, w, FRAME_NS * 1e-9)[0][:3])
+        observer.predict(k * FRAME_NS, v, w)
+        observer.update(features(truth) + SIGMA * random.standard_normal((len(POINTS), 2)), SIGMA)
+        estimates.append(observer.disturbance)
+    return truth, estimates
+
+
+def started(truth: Pose2) -> RelativeObserver:
+    observer = make()
+    observer.reset(truth, np.diag([1e-3, 1e-3, 1e-4]), 0)
+    return observer
+
+
+def test_yaw_disturbance_is_found_and_forgotten_when_it_ends() -> None:
+    truth = Pose2(3.5, 0.1, 0.0)
+    observer = started(truth)
+    truth, quiet = drive(observer, MotionDisturbance(), range(1, 120), truth, 1)
+    assert max(abs(estimate.yaw_rad_s) for estimate in quiet) < 0.02
+    truth, shaken = drive(observer, MotionDisturbance(yaw_rad_s=0.08), range(120, 300), truth, 2)
+    bearing_rate = 0.08  # yaw and drift together must explain how fast the array wanders through the image
+    last = shaken[-1]
+    range_m = truth.x_m - CAMERA[0]
+    assert last.yaw_rad_s + 0.05 * last.turn_gain + last.sideways_m_s / range_m == pytest.approx(
+        bearing_rate, abs=0.03
+    )
+    truth, after = drive(observer, MotionDisturbance(), range(300, 480), truth, 3)
+    assert abs(after[-1].yaw_rad_s) < 0.01
+    error = observer.pose.inverse().as_array() - truth.inverse().as_array()
+    assert np.abs(error[:2]).max() < 0.05
+
+
+def test_estimate_of_the_disturbance_is_bounded() -> None:
+    truth = Pose2(6.0, 0.0, 0.0)
+    observer = started(truth)
+    _, estimates = drive(observer, MotionDisturbance(0.0, 0.0, 0.5, 0.2), range(1, 120), truth, 4)
+    bound = CONFIG.estimator.disturbance.bound
+    assert all(np.all(np.abs(astuple(estimate)) <= bound) for estimate in estimates)
+
+
+def test_standing_still_is_no_disturbance() -> None:
+    truth, random = Pose2(2.0, 0.0, 0.0), np.random.default_rng(5)
+    observer = started(truth)
+    for k in range(1, 600):
+        observer.predict(k * FRAME_NS, 0.0, 0.0)
+        observer.update(features(truth) + SIGMA * random.standard_normal((len(POINTS), 2)), SIGMA)
+    assert np.abs(astuple(observer.disturbance)).max() < 0.01
+    assert abs(observer.pose.inverse().y_m - truth.inverse().y_m) < 0.01
+
+
+def test_a_separate_heading_is_used() -> None:
+    observer, pose = make(), Pose2(2.0, 0.0, 0.0)
+    observer.reset(pose, np.diag([1e-2, 1e-2, 1e-2]), 0)
+    before = observer.covariance[2, 2]
+    observer.update(np.full((4, 2), np.nan), SIGMA, heading=(0.05, 0.05))
+    assert observer.covariance[2, 2] < 0.3 * before
+    assert 0.0 < observer.pose.theta_rad < 0.05
