@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -46,15 +45,6 @@ class LensConfig(Section):
         if len(self.coefficients) != wanted:
             raise ValueError(f"lens model {self.model!r} takes {wanted} coefficients, not {len(self.coefficients)}")
         return self
-
-
-class LensOrigin(Section):
-    """Where the lens's figures come from: ``davpc calibrate camera`` writes it beside them."""
-
-    serial: str
-    date: datetime.date
-    rms_px: NonNegative
-    coverage: Annotated[float, Field(ge=0, le=1)]
 
 
 class CameraConfig(Section):

@@ -23,7 +23,8 @@ from experiments.identification import CASES, identification_rates
 from experiments.pose_bound import pose_bound, theta_errors
 from follower.estimator.pipeline import Perception
 from sim.optics import Optics
-from sim.scenes import SCENES as SCENES, named_scene
+from sim.scenes import SCENES as SCENES
+from sim.scenes import named_scene
 
 BANDS_M = ((8.5, 6.0), (6.0, 4.0), (4.0, 2.5), (2.5, 1.0))
 BOUND_DISTANCES_M = (1.5, 3.0, 6.0, 9.0)

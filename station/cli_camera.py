@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from common.config import ConfigError, LensConfig, default_config_path
+from common.config import ConfigError, default_config_path
 from common.geometry import Array, Pose2
 from station.cli_options import ConfigOption, RuntimeOption, SetOption, loaded, numbers
 
@@ -92,6 +92,7 @@ def calibrate_lens(
     the camera gives reflections. Show the board in every part of the image, the corners above all, and tilted.
     """
     from station.calibration import Board, CalibrationError, calibrate_camera, coverage_of
+    from station.calibration_file import store
 
     columns, rows = (int(part) for part in numbers(board.replace("x", ","), 2))
     kind = Board(columns, rows, square_mm / 1000)
@@ -106,8 +107,8 @@ def calibrate_lens(
         typer.echo(
             f"{model:9s} {error_px:.3f} px on corners left out{'  ← chosen' if model == found.lens.model else ''}"
         )
-    out.write_text(_lens_table(found.lens, size, serial, found.rms_px, found.coverage.share), encoding="utf-8")
-    typer.echo(f"rms {found.rms_px:.3f} px; put the tables of {out} in place of yours in robots.toml")
+    store(found, serial, datetime.now(UTC).date().isoformat(), size, out)
+    typer.echo(f"rms {found.rms_px:.3f} px; put the table [lens] of {out} in place of camera.lens in robots.toml")
 
 
 @calibrate.command("mount", epilog="Example:  davpc calibrate mount views.json")
@@ -196,18 +197,3 @@ def _photographed(folder: Path, kind: Board) -> tuple[list[Array], tuple[int, in
         if corners is not None:
             views.append(corners)
     return views, size
-
-
-def _lens_table(lens: LensConfig, size: tuple[int, int], serial: str, rms_px: float, coverage: float) -> str:
-    """TOML for robots.toml."""
-    coefficients = ", ".join(f"{value:.9g}" for value in lens.coefficients)
-    date = datetime.now(UTC).date().isoformat()
-    return (
-        f"# lens of camera {serial}, {size[0]}×{size[1]} px, {date}: rms {rms_px:.3f} px, coverage {coverage:.0%}\n"
-        "[camera.lens]\n"
-        f'model = "{lens.model}"\n'
-        f"fx_px = {lens.fx_px:.6f}\nfy_px = {lens.fy_px:.6f}\ncx_px = {lens.cx_px:.6f}\ncy_px = {lens.cy_px:.6f}\n"
-        f"coefficients = [{coefficients}]\n\n"
-        "[camera.calibration]\n"
-        f'serial = "{serial}"\ndate = {date}\nrms_px = {rms_px:.4f}\ncoverage = {coverage:.4f}\n'
-    )

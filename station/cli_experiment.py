@@ -148,6 +148,20 @@ def bench_perception(
     _show(out)
 
 
+@bench.command("can", epilog="Example:  davpc bench can --cycles 2000")
+def bench_can(
+    cycles: Annotated[int, typer.Option(min=100, help="of 10 ms")] = 2000,
+    real_bus: Annotated[bool, typer.Option(help="the configured bus instead of simulated nodes")] = False,
+    out: Path = Path("out/bench-can"),
+    config: ConfigOption = None,
+) -> None:
+    """Round trip, exchange and lateness of the bridge's loop, and its share of a core."""
+    from experiments import bench_can as module
+
+    module.run(out, config, real_bus, cycles)
+    _show(out)
+
+
 def _show(out: Path) -> None:
     """Print the table that the experiment wrote, and where it lies."""
     for table in sorted(out.glob("*.md")):
