@@ -247,6 +247,7 @@ class StopBench:
 
         Raises:
             TimeoutError: it did not come to that.
+            RuntimeError: a process died by itself.
         """
         self.feeder.muted.clear()
         self.feeder.armed = False
@@ -291,6 +292,9 @@ class StopBench:
     def _await(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
         deadline = time.monotonic() + timeout_s
         while not condition():
+            dead = [name for name, child in self._children.items() if child.poll() is not None]
+            if dead:
+                raise RuntimeError(f"{dead[0]} died by itself: see its log in {self._logs}")
             if time.monotonic() > deadline:
                 raise TimeoutError(f"{what} after {timeout_s:.0f} s: see the logs in {self._logs}")
             time.sleep(0.01)

@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from common.channels import ARM_SETPOINT
 from common.config import Config
 from common.kinematics import twist_from_wheels, wheels_from_twist
 from common.messages import ArmSetpoint, Mission
 from common.node import Received
 from common.timing import NS_PER_S
+from follower.can_bridge.arm_gate import ArmDecision, ArmGate, ArmMeasurement, SignedArms
 from follower.can_bridge.gate import ArmToken, Decision, Gate, SignedCommand, StopInputs, WheelStatus
 from follower.can_bridge.measurement import DriveSetpoint, Measurement
 
 State = Literal["starting", "disarmed", "enabling", "armed", "stopped", "fault"]
-# rules that hold the wheels without anything being wrong
-BENIGN_RULES = frozenset({"", "not_armed", "not_enabled", "no_command"})
+# rules that hold wheels or arms without anything being wrong
+BENIGN_RULES = frozenset({"", "not_armed", "not_enabled", "no_command", "arm_epoch"})
 _STANDSTILL_M_S = 0.005
 _DISABLE_NS = NS_PER_S // 2
 
@@ -50,6 +50,7 @@ class Bridge:
         self._config = config
         self._boot_id = boot_id
         self._gate = Gate(config.limits, config.base, boot_id)
+        self._arm_gate = ArmGate(config.follower_can, boot_id)
         self._stopped_epoch = -1
         self._still_since_ns: int | None = None
         self._last_intervention: tuple[str, ...] = ()
@@ -72,9 +73,10 @@ class Bridge:
         )
         if mission is not None and wanted:
             self.epoch = mission.epoch
-        self._follow(heard, measured, decision, wanted)
-        self._count(decision)
-        return Orders(self._setpoint(heard, measured, decision), self._power(heard.now_ns, measured), decision)
+        arms = self._arms(heard, measured)
+        self._follow(heard, measured, decision, arms, wanted)
+        self._count(decision, arms)
+        return Orders(self._setpoint(measured, decision, arms), self._power(heard.now_ns, measured), decision)
 
     def _token(self, mission: Received[Mission] | None) -> ArmToken | None:
         if mission is None:
@@ -84,7 +86,15 @@ class Bridge:
             told.armed, header.stamp_ns, header.boot_id, told.epoch, told.phase, told.v_max_m_s, told.w_max_rad_s
         )
 
-    def _follow(self, heard: Heard, measured: Measurement, decision: Decision, wanted: bool) -> None:
+    def _arms(self, heard: Heard, measured: Measurement) -> ArmDecision:
+        newest = heard.arms
+        signed = SignedArms(newest.message, newest.header.stamp_ns, newest.header.boot_id) if newest else None
+        angles = (*measured.joint_angle_rad, *measured.grip_angle_rad)
+        return self._arm_gate.step(heard.now_ns, signed, self.epoch, ArmMeasurement(measured.measured_ns, angles))
+
+    def _follow(
+        self, heard: Heard, measured: Measurement, decision: Decision, arms: ArmDecision, wanted: bool
+    ) -> None:
         """The arming state, from what holds now."""
         if measured.faults or not measured.bus_ok:
             self.state = "fault"
@@ -97,17 +107,12 @@ class Bridge:
         elif measured.wheels_enabled and measured.arms_enabled:
             self._was_armed = True
             self.state, self.cause = "armed", ""
-            reason = decision.rule if decision.rule not in BENIGN_RULES else self._arms_reason(heard)
-            if reason:
+            reason = decision.rule if decision.rule not in BENIGN_RULES else arms.rule
+            if reason not in BENIGN_RULES:
                 self.state, self.cause = "stopped", reason
                 self._stopped_epoch = self.epoch
         else:
             self.state, self.cause = "enabling", ""
-
-    def _arms_reason(self, heard: Heard) -> str:
-        if heard.arms is None or heard.now_ns - heard.arms.header.stamp_ns > ARM_SETPOINT.max_age_ns:
-            return "arm_setpoint_age"
-        return ""
 
     def _power(self, now_ns: int, measured: Measurement) -> Literal["enable", "stop_arms", "disable"] | None:
         if self.state in ("enabling", "armed"):
@@ -122,11 +127,10 @@ class Bridge:
             return "disable"
         return "stop_arms" if self._was_armed else None
 
-    def _setpoint(self, heard: Heard, measured: Measurement, decision: Decision) -> DriveSetpoint:
+    def _setpoint(self, measured: Measurement, decision: Decision, arms: ArmDecision) -> DriveSetpoint:
         left, right = wheels_from_twist(self._config.base, decision.v_m_s, decision.w_rad_s)
         setpoint = DriveSetpoint(left, right, lift_m=measured.lift_m)
-        arms = heard.arms.message if heard.arms is not None and not self._arms_reason(heard) else None
-        if self.state not in ("enabling", "armed") or arms is None:
+        if self.state not in ("enabling", "armed") or arms.rule:
             return setpoint
         return replace(
             setpoint,
@@ -135,10 +139,10 @@ class Bridge:
             lift_m=arms.lift_m,
         )
 
-    def _count(self, decision: Decision) -> None:
+    def _count(self, decision: Decision, arms: ArmDecision) -> None:
         """Interventions; the rate rule spreads every command over its period and is none."""
         rule = decision.rule if decision.rule not in BENIGN_RULES else ""
-        names = (rule, decision.dropped, *(name for name in decision.clipped if name != "rate"))
+        names = (rule, decision.dropped, *(name for name in decision.clipped if name != "rate"), *arms.clipped)
         present = tuple(name for name in names if name)
         if present and present != self._last_intervention and self.state in ("armed", "stopped"):
             self.interventions += 1

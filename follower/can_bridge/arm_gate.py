@@ -1,0 +1,125 @@
+"""The arms' part of the gate: what of the arms' set-points reaches joints, grippers and lift (SAFETY.md layer 2).
+
+Pure, as :mod:`follower.can_bridge.gate`. A set-point is followed for 100 ms; torques are capped by constants and by
+what each drive may give; a joint that moves too fast is not pushed further. Without a genuine set-point the rule
+says so, and the caller holds the arms: they never let go of what they hold.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from common.config import DriveConfig, FollowerCanConfig
+from common.messages import ArmSetpoint
+from common.timing import NS_PER_MS, NS_PER_S
+
+HARD_JOINT_TORQUE_N_M: Final = 25.0
+HARD_GRIP_TORQUE_N_M: Final = 6.0
+HARD_LIFT_M: Final = 1.0
+MAX_JOINT_SPEED_RAD_S: Final = 1.5
+MAX_GRIP_SPEED_RAD_S: Final = 4.0
+SETPOINT_MAX_AGE_MS: Final = 100
+
+
+@dataclass(frozen=True)
+class SignedArms:
+    """A set-point and what its envelope says."""
+
+    setpoint: ArmSetpoint
+    stamp_ns: int
+    boot_id: str
+
+
+@dataclass(frozen=True)
+class ArmMeasurement:
+    """Angles of six joints and two grippers [rad], measured at ``measured_ns``."""
+
+    measured_ns: int
+    angles_rad: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ArmDecision:
+    """Torques [N·m] and lift [m] for the drives; no lift means that it stays.
+
+    ``rule`` names why nothing is passed on, or ""; ``clipped`` names what was reduced.
+    """
+
+    joint_torque_n_m: tuple[float, ...]
+    grip_torque_n_m: tuple[float, float]
+    lift_m: float | None
+    rule: str
+    clipped: tuple[str, ...]
+
+
+class ArmGate:
+    """Holds the last measurement, from which the speeds come."""
+
+    def __init__(self, config: FollowerCanConfig, boot_id: str) -> None:
+        caps = [_cap(drive, HARD_JOINT_TORQUE_N_M) for drive in config.joints]
+        self._torque_caps = (*caps, *(_cap(drive, HARD_GRIP_TORQUE_N_M) for drive in config.grippers))
+        self._speed_caps = (MAX_JOINT_SPEED_RAD_S,) * len(config.joints) + (MAX_GRIP_SPEED_RAD_S,) * 2
+        self._boot_id = boot_id
+        self._before: ArmMeasurement | None = None
+        self._speeds = (0.0,) * len(self._torque_caps)
+
+    def step(self, now_ns: int, newest: SignedArms | None, epoch: int, measured: ArmMeasurement) -> ArmDecision:
+        """Decide what goes to the arms in this frame.
+
+        Args:
+            now_ns: CLOCK_MONOTONIC of this boot.
+            newest: the newest set-point that arrived; None if none ever did.
+            epoch: the armed epoch.
+            measured: the newest angles.
+        """
+        self._speeds = self._measure(measured)
+        rule = self._refusal(now_ns, newest, epoch)
+        if rule or newest is None:
+            return ArmDecision((0.0,) * 6, (0.0, 0.0), None, rule, ())
+        wanted = (*newest.setpoint.joint_torque_n_m, *newest.setpoint.grip_torque_n_m)
+        clipped: list[str] = []
+        capped = tuple(max(-cap, min(cap, torque)) for torque, cap in zip(wanted, self._torque_caps, strict=True))
+        if capped != wanted:
+            clipped.append("arm_torque")
+        slowed = self._slow(capped)
+        if slowed != capped:
+            clipped.append("arm_speed")
+        lift_m = max(0.0, min(HARD_LIFT_M, newest.setpoint.lift_m))
+        return ArmDecision(slowed[:6], (slowed[6], slowed[7]), lift_m, "", tuple(clipped))
+
+    def _refusal(self, now_ns: int, newest: SignedArms | None, epoch: int) -> str:
+        if newest is None or newest.boot_id != self._boot_id:
+            return "arm_setpoint_age"
+        if not 0 <= now_ns - newest.stamp_ns <= SETPOINT_MAX_AGE_MS * NS_PER_MS:
+            return "arm_setpoint_age"
+        told = newest.setpoint
+        if not all(map(math.isfinite, (*told.joint_torque_n_m, *told.grip_torque_n_m, told.lift_m))):
+            return "arm_not_finite"
+        if not all(map(math.isfinite, self._speeds)):
+            return "arm_not_measured"
+        return "arm_epoch" if told.epoch != epoch else ""
+
+    def _measure(self, measured: ArmMeasurement) -> tuple[float, ...]:
+        """Speeds between the last two measurements; kept while there is no new one."""
+        before = self._before
+        if before is None or measured.measured_ns <= before.measured_ns:
+            self._before = before or measured
+            return self._speeds
+        elapsed_s = (measured.measured_ns - before.measured_ns) / NS_PER_S
+        self._before = measured
+        return tuple((b - a) / elapsed_s for a, b in zip(before.angles_rad, measured.angles_rad, strict=True))
+
+    def _slow(self, torques: Sequence[float]) -> tuple[float, ...]:
+        """Nothing that would push a joint on in the direction in which it is too fast already; braking is free."""
+        return tuple(
+            0.0 if abs(speed) > limit and torque * speed > 0.0 else torque
+            for torque, speed, limit in zip(torques, self._speeds, self._speed_caps, strict=True)
+        )
+
+
+def _cap(drive: DriveConfig, hard_n_m: float) -> float:
+    """What the drive may give at the output shaft, at most the constant."""
+    return min(hard_n_m, drive.rated_torque_n_m * drive.gear_ratio * drive.max_torque_permille / 1000.0)
