@@ -253,6 +253,7 @@ class DriveConfig(Section):
     counts_per_turn: Annotated[int, Field(ge=1)] = 65536
     gear_ratio: Positive = 1.0
     sign: Literal[1, -1] = 1
+    zero_counts: Annotated[int, Field(ge=-(2**31), lt=2**31, description="absolute encoder at the axis' zero")] = 0
     rated_torque_n_m: Annotated[Positive, Field(description="of the motor, before the gear: 6076h")] = 0.5
     max_torque_permille: Annotated[int, Field(ge=0, le=3000, description="of the rated torque: 6072h")] = 1000
     serial: Annotated[int, Field(ge=0, lt=2**32, description="1018h:04; 0 takes any")] = 0

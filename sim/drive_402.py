@@ -49,6 +49,7 @@ class Drive402(CanopenDevice):
     def __init__(self, config: DriveConfig, eds: Path, units_per_turn: float = 2 * math.pi) -> None:
         super().__init__(config.node_id, eds, config.serial)
         self._counts_per_unit = config.counts_per_turn * config.gear_ratio * config.sign / units_per_turn
+        self._zero_counts = config.zero_counts
         self._permille_per_n_m = 1000.0 * config.sign / (config.rated_torque_n_m * config.gear_ratio)
         self.values[0x6076, 0] = round(config.rated_torque_n_m * 1000)
         self.state = PowerState.SWITCH_ON_DISABLED
@@ -139,7 +140,7 @@ class Drive402(CanopenDevice):
         position, velocity = self.encoder.read(self._measured[0], self._measured[1])
         torque = self._measured[2]
         values = self.values
-        counts = round(position * self._counts_per_unit)
+        counts = round(position * self._counts_per_unit) + self._zero_counts
         values[0x6064, 0] = (counts + _INT32 // 2) % _INT32 - _INT32 // 2
         values[0x606C, 0] = round(velocity * self._counts_per_unit)
         values[0x6077, 0] = max(-32768, min(32767, round(torque * self._permille_per_n_m)))
@@ -274,7 +275,7 @@ class Drive402(CanopenDevice):
             self._acknowledged = False
         elif not self._acknowledged:
             self._acknowledged = True
-            self._goal = float(self.values[0x607A, 0])
+            self._goal = float(self.values[0x607A, 0] - self._zero_counts)
 
     def _move_position(self, elapsed_s: float) -> None:
         if self._goal is None:

@@ -178,13 +178,13 @@ class Axis:
         self.state = decode_statusword(statusword)
 
     def _see_position(self, raw: int) -> None:
-        """Unwrap the 32-bit counter; at start it is absolute."""
+        """Unwrap the 32-bit counter of the absolute encoder, which is read at start in place of homing."""
         previous = raw if self._raw_position is None else self._raw_position
         if self._raw_position is None:
             self._counts = raw
         self._counts += (raw - previous + _INT32 // 2) % _INT32 - _INT32 // 2
         self._raw_position = raw
-        self.position = self._counts / self.counts_per_unit
+        self.position = (self._counts - self.config.zero_counts) / self.counts_per_unit
 
     def _target_object(self) -> MappedObject:
         return {
@@ -198,7 +198,7 @@ class Axis:
         if setpoint is None:
             self._setpoint_sent = None
             return struct.pack("<Hi", word, 0)
-        wanted = _clamp32(setpoint * self.counts_per_unit)
+        wanted = _clamp32(setpoint * self.counts_per_unit + self.config.zero_counts)
         if not self.statusword & STATUS_SETPOINT_ACKNOWLEDGE and wanted != self._setpoint_sent:
             word |= NEW_SETPOINT | CHANGE_AT_ONCE
             self._setpoint_sent = wanted

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from common.canopen_frames import CanFrame
-from common.config import Config, default_config_path, load_config
+from common.config import Config, FollowerCanConfig, default_config_path, load_config
 from common.timing import NS_PER_MS, SteppedClock
 from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.measurement import DriveSetpoint, Measurement
@@ -77,9 +77,16 @@ class Rig:
 @contextmanager
 def follower_rig() -> Iterator[Rig]:
     """A switched-on Follower and a bridge that has not opened the bus yet."""
-    config = stepped_config()
+    with rig_with(stepped_config().follower_can) as rig:
+        yield rig
+
+
+@contextmanager
+def rig_with(follower_can: FollowerCanConfig) -> Iterator[Rig]:
+    """The same with another configuration of the Follower's bus, on both sides."""
+    config = stepped_config().model_copy(update={"follower_can": follower_can})
     clock = SteppedClock()
-    robot = FollowerBus.build(config.follower_can, CONFIG_PATH)
+    robot = FollowerBus.build(follower_can, CONFIG_PATH)
     with SteppedChannel("follower", robot.bus, clock.now_ns) as channel:
         rig = Rig(config, channel, robot, clock)
         try:

@@ -18,7 +18,15 @@ from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.measurement import DriveSetpoint
 from sim.can_nodes import FollowerBus
 from sim.can_server import CanServer
-from tests.unit.canbus_rig import CONFIG_PATH, DRIVE_EDS, follower_rig, leader_rig, rim_speed, stepped_config
+from tests.unit.canbus_rig import (
+    CONFIG_PATH,
+    DRIVE_EDS,
+    follower_rig,
+    leader_rig,
+    rig_with,
+    rim_speed,
+    stepped_config,
+)
 
 
 def test_enables_drives_and_quick_stops() -> None:
@@ -226,3 +234,19 @@ def test_no_server_is_one_clear_line() -> None:
         drives.open()
     measured = drives.exchange(1, DriveSetpoint())
     assert (measured.bus_ok, measured.faults) == (False, ("CAN bus follower: not open",))
+
+
+def test_absolute_encoders_count_from_the_configured_zero_and_past_their_end() -> None:
+    config = stepped_config()
+    zero = 2**31 - 1000
+    lift = config.follower_can.lift.model_copy(update={"zero_counts": -5000})
+    left = config.follower_can.left_wheel.model_copy(update={"zero_counts": zero})
+    changed = config.follower_can.model_copy(update={"lift": lift, "left_wheel": left})
+    with rig_with(changed) as rig:
+        rig.robot.lift.set_measured(0.05, 0.0, 0.0)
+        rig.enable()
+        measured = rig.cycles(60, DriveSetpoint(left_rad_s=2.0, lift_m=0.06))
+        assert measured.lift_m == pytest.approx(0.05, abs=1e-6)
+        assert rig.robot.lift.position_setpoint == pytest.approx(0.06, abs=1e-6)
+        assert rig.robot.left_wheel.values[0x6064, 0] < 0
+        assert 0.1 < measured.wheel_angle_rad[0] < 1.2
