@@ -13,6 +13,7 @@ from common.canopen_frames import (
     NMT_PRE_OPERATIONAL,
     NMT_START,
     RPDO,
+    STATE_BOOT_UP,
     STATE_OPERATIONAL,
     SYNC,
     TPDO,
@@ -22,7 +23,7 @@ from common.canopen_frames import (
     nmt_frame,
 )
 from common.canopen_node import CanopenNode, find_eds
-from common.config import LeaderCanConfig
+from common.config import ConfigError, LeaderCanConfig
 from common.timing import NS_PER_MS
 
 MAX_LEDS = 4
@@ -55,7 +56,7 @@ class LeaderIo:
 
     def __init__(self, config: LeaderCanConfig, config_path: Path, leds: int) -> None:
         if leds > MAX_LEDS:
-            raise ValueError(f"the I/O module drives {MAX_LEDS} LEDs, the configuration has {leds}")
+            raise ConfigError(f"{config_path}: leds.positions_m: {leds} LEDs, the I/O module drives {MAX_LEDS}")
         self._config = config
         self._eds = find_eds(config.io_eds, config_path)
         self._leds = leds
@@ -68,6 +69,7 @@ class LeaderIo:
         self._sync_ns = 0
         self._measured_ns = -1
         self._faults: dict[str, None] = {}
+        self._restarted = False
 
     def open(self) -> None:
         """Open the bus and bring the module up: identity, heartbeats, error modes, PDOs.
@@ -79,22 +81,16 @@ class LeaderIo:
             ConfigError: the EDS is missing or not one.
         """
         self.close()
-        bus = self._bus = CanBus(self._config.bus)
-        node_id = self._config.io_node_id
-        node = CanopenNode(bus, node_id, "leader I/O", self._eds)
-        bus.send(nmt_frame(NMT_PRE_OPERATIONAL, node_id))
-        node.check_identity()
-        node.supervise(_HEARTBEAT_MS, self._config.master_node_id, self._config.watchdog_ms)
-        node.write(0x6206, 1, 0xFF)
-        node.write(0x6207, 1, 0)
-        for channel in range(1, MAX_LEDS + 1):
-            node.write(0x6443, channel, 0)
-        node.map_receive_pdo(1, [(0x6200, 1, 8)])
-        node.map_receive_pdo(2, [(0x6411, channel, 16) for channel in range(1, MAX_LEDS + 1)])
-        node.map_transmit_pdo(1, [(0x6000, 1, 8), (0x6401, 5, 16)])
-        node.map_transmit_pdo(2, [(0x6401, channel, 16) for channel in range(1, MAX_LEDS + 1)])
-        bus.send(nmt_frame(NMT_START, node_id))
+        bus = CanBus(self._config.bus)
+        try:
+            self._bring_up(bus)
+        except BaseException:
+            bus.close()
+            raise
+        self._bus = bus
         self._faults.clear()
+        self._restarted = False
+        self._measured_ns = -1
 
     def set_led_currents(self, currents_a: Sequence[float]) -> None:
         """Current of each LED [A], from 0 to 5."""
@@ -111,13 +107,16 @@ class LeaderIo:
         """Take what has arrived, send outputs, heartbeat and SYNC.
 
         Raises:
-            BusLostError: the bus went away; :meth:`open` it again.
+            BusLostError: the bus went away, or the module restarted; :meth:`open` it again.
         """
         if self._bus is None:
             raise BusLostError(f"CAN bus {self._config.bus.channel}: not open")
         for frame in self._bus.receive():
             self._take(frame)
         node_id = self._config.io_node_id
+        if self._restarted:
+            self.close()
+            raise BusLostError(f"leader I/O: node {node_id} restarted and has lost its configuration")
         self._bus.send(heartbeat_frame(self._config.master_node_id, STATE_OPERATIONAL))
         self._bus.send(CanFrame(RPDO[0] + node_id, bytes((self._outputs,))))
         self._bus.send(CanFrame(RPDO[1] + node_id, struct.pack("<4h", *self._milliamps)))
@@ -138,6 +137,23 @@ class LeaderIo:
         finally:
             bus.close()
 
+    def _bring_up(self, bus: CanBus) -> None:
+        node_id = self._config.io_node_id
+        node = CanopenNode(bus, node_id, "leader I/O", self._eds)
+        bus.send(nmt_frame(NMT_PRE_OPERATIONAL, node_id))
+        node.check_identity()
+        node.supervise(_HEARTBEAT_MS, self._config.master_node_id, self._config.watchdog_ms)
+        node.write(0x6206, 1, 0xFF)
+        node.write(0x6207, 1, 0)
+        for channel in range(1, MAX_LEDS + 1):
+            node.write(0x6443, channel, 0)
+        node.map_receive_pdo(1, [(0x6200, 1, 8)])
+        node.map_receive_pdo(2, [(0x6411, channel, 16) for channel in range(1, MAX_LEDS + 1)])
+        node.map_transmit_pdo(1, [(0x6000, 1, 8), (0x6401, 5, 16)])
+        node.map_transmit_pdo(2, [(0x6401, channel, 16) for channel in range(1, MAX_LEDS + 1)])
+        bus.receive()
+        bus.send(nmt_frame(NMT_START, node_id))
+
     def _take(self, frame: CanFrame) -> None:
         node_id = self._config.io_node_id
         if frame.can_id == TPDO[0] + node_id and len(frame.data) == 3:
@@ -145,6 +161,8 @@ class LeaderIo:
             self._measured_ns = self._sync_ns
         elif frame.can_id == TPDO[1] + node_id and len(frame.data) == 8:
             self._currents = struct.unpack("<4h", frame.data)
+        elif frame == heartbeat_frame(node_id, STATE_BOOT_UP):
+            self._restarted = True
         elif frame.can_id == EMCY + node_id and (emergency := decode_emergency(frame.data)):
             if emergency.code == 0:
                 self._faults.clear()

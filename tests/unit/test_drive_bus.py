@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from common.canopen_bus import BusLostError
+from common.canopen_frames import nmt_frame
 from common.canopen_io import LeaderIo
 from common.cia402 import DriveState
 from common.config import BusConfig, ConfigError
@@ -145,6 +147,28 @@ def test_leader_module_lights_leds_and_keeps_them_on_silence() -> None:
         channel.tick()
         assert leader.actuator == 0
         assert leader.led_setpoint_a(0) == 1.0
+
+
+def test_leader_module_that_restarts_has_to_be_opened_anew() -> None:
+    with leader_rig() as (config, leader, channel, clock):
+        io = LeaderIo(config.leader_can, CONFIG_PATH, leds=4)
+        with pytest.raises(BusLostError, match="not open"):
+            io.exchange(clock.now_ns())
+        io.open()
+        assert not io.exchange(clock.now_ns()).fresh
+        leader.bus.faults.injected += leader.io.handle(nmt_frame(0x81), clock.now_ns())
+        channel.tick()
+        with pytest.raises(BusLostError, match="leader I/O: node 50 restarted and has lost its configuration"):
+            io.exchange(clock.now_ns())
+        io.open()
+        io.exchange(clock.now_ns())
+        assert io.exchange(clock.now_ns()).fresh
+        io.close()
+
+
+def test_more_leds_than_the_module_drives_is_an_error_of_the_configuration() -> None:
+    with pytest.raises(ConfigError, match=r"leds.positions_m: 5 LEDs, the I/O module drives 4"):
+        LeaderIo(stepped_config().leader_can, CONFIG_PATH, leds=5)
 
 
 def test_the_same_over_a_socket() -> None:
