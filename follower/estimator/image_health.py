@@ -14,6 +14,7 @@ from follower.estimator.spots import background
 _WHITE_PART = 0.05
 _DARKEST = 0.5
 _FROZEN_FRAMES = 3
+_STILL_FRAMES = 5
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class ImageHealth:
         self._features: Array | None = None
         self._same_rows = False
         self._repeats = 0
+        self._still = 0
 
     def look(self, image: Image | None, capture_ns: int) -> ImageReport:
         """Judge one frame, in order of arrival."""
@@ -56,10 +58,13 @@ class ImageHealth:
             exposure = "underexposed"
         return ImageReport(exposure=exposure, background=level)
 
-    def frozen(self, features: Array) -> bool:
-        """Whether pixels and features have now been the very same in so many frames: no sensor does that."""
+    def frozen(self, features: Array, moving: bool) -> bool:
+        """Whether the camera repeats itself: the same pixels and features in three frames, no sensor does that;
+        or the very same features in five while the robot moves.
+        """
         before, self._features = self._features, features
         seen = bool(np.isfinite(features).any())
-        same = before is not None and np.array_equal(features, before, equal_nan=True)
-        self._repeats = self._repeats + 1 if self._same_rows and seen and same else 0
-        return self._repeats >= _FROZEN_FRAMES - 1
+        same = seen and before is not None and np.array_equal(features, before, equal_nan=True)
+        self._repeats = self._repeats + 1 if same and self._same_rows else 0
+        self._still = self._still + 1 if same and moving else 0
+        return self._repeats >= _FROZEN_FRAMES - 1 or self._still >= _STILL_FRAMES - 1

@@ -31,6 +31,7 @@ MOST_CANDIDATES = 40
 _REGION_HALF_PX = 20
 _CONFIRM_FULL, _CONFIRM_PARTIAL = 4, 20
 _PARTIAL_AFTER = 12
+_MOVING = 0.02  # m/s or rad/s
 _KEEP_NS = 1_250 * NS_PER_MS
 
 _CAUSES: dict[Failure, StateCause] = {
@@ -138,7 +139,7 @@ class Perception:
             detection = self._identified(image, rule, nothing)
         if not detection.spots and seen.exposure is not None:
             detection = replace(detection, cause=seen.exposure)
-        if self._health.frozen(detection.features):
+        if self._health.frozen(detection.features, moving=abs(twist[0]) > _MOVING or abs(twist[1]) > _MOVING):
             return replace(detection, valid=False, cause="frozen_camera")
         if not detection.valid or detection.pose is None or desired_features is None:
             return detection

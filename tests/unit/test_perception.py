@@ -9,6 +9,7 @@ import pytest
 
 from common.config import Config
 from common.geometry import Pose2, features_at, move_relative
+from follower.estimator.image_health import ImageHealth
 from follower.estimator.pipeline import Detection, Perception
 from sim.optics import Optics, View
 
@@ -115,6 +116,18 @@ def test_a_frozen_camera_is_named(config: Config, shoot: Shoot) -> None:
     still = shoot(pose, 999)
     causes = [perception.process(still, n, n * PERIOD_NS, (0.3, 0.0), None).cause for n in range(last + 1, last + 5)]
     assert causes == ["ok", "ok", "frozen_camera", "frozen_camera"]
+
+
+def test_features_that_stand_still_while_the_robot_moves_are_a_frozen_camera() -> None:
+    features = np.array([[0.1, -0.2], [0.3, -0.2]])
+    noise = np.random.default_rng(0)
+    for moving, expected in ((True, [False] * 4 + [True]), (False, [False] * 5)):
+        health = ImageHealth((64, 64))
+        said = []
+        for n in range(5):
+            health.look(noise.integers(0, 9, (64, 64), dtype=np.uint8), n + 1)
+            said.append(health.frozen(features.copy(), moving))
+        assert said == expected
 
 
 def test_a_frame_out_of_order_is_stale(config: Config, shoot: Shoot) -> None:

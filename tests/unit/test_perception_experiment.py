@@ -31,7 +31,7 @@ def test_bound_grows_with_distance_and_noise(config: Config) -> None:
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_identification_is_rather_silent_than_wrong(config: Config, case: Case) -> None:
-    rates = identification_rates(config, case, frames=60, seed=3)
+    rates = identification_rates(config, case, frames=30, seed=3)
     assert rates["false_percent"] == 0.0
     if case.leds_lit and case.lamps == 0:
         assert rates["right_percent"] > 85.0
