@@ -5,7 +5,7 @@
 VENV := .venv
 READY := $(VENV)/.ready
 PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
-  $$p -c 'import sys, venv; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && echo $$p && break; done)
+  $$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && echo $$p && break; done)
 SIM_ARGS ?=
 
 help: ## List the targets
@@ -16,7 +16,7 @@ setup: $(READY) ## Make .venv from the lock file; leaves .venv/bin/davpc
 $(READY): requirements.lock pyproject.toml
 	@test -n "$(PYTHON)" || { echo "davpc needs Python >= 3.11 with the venv module (Debian: apt-get install python3-venv)"; exit 2; }
 	@echo "[setup] making $(VENV) with $$($(PYTHON) --version)"
-	@test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
+	@test -x $(VENV)/bin/pip || { rm -rf $(VENV); $(PYTHON) -m venv $(VENV); }
 	@echo "[setup] installing the locked packages (about 350 MB, once)"
 	@$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
 	@echo "[setup] installing davpc itself"

@@ -5,6 +5,7 @@ it in the process table: no TCP, no scouting, no gossip. Images take another way
 
 from __future__ import annotations
 
+import fcntl
 import json
 import threading
 from collections.abc import Callable, Sequence
@@ -37,6 +38,12 @@ class Bus:
         longest = max(sockets.values(), key=len)
         if len(longest) > _SOCKET_PATH_LIMIT:
             raise ConfigError(f"{longest}: longer than a Unix socket may be; choose a shorter runtime directory")
+        self._owner = (runtime / f"{name}.owner").open("w")
+        try:
+            fcntl.flock(self._owner, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            self._owner.close()
+            raise ConfigError(f"{runtime}: a process {name} runs here already") from error
         Path(sockets[name]).unlink(missing_ok=True)
         Path(sockets[name] + ".lock").unlink(missing_ok=True)
         zenoh.init_log_from_env_or("error")
@@ -115,6 +122,7 @@ class Bus:
         self._session.close()  # type: ignore[no-untyped-call]
         for thread in self._threads:
             thread.join(timeout=2.0)
+        self._owner.close()
 
     def _spawn(self, name: str, work: Callable[[], None]) -> None:
         thread = threading.Thread(target=work, name=name, daemon=True)

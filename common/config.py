@@ -216,16 +216,16 @@ class LimitsConfig(Section):
 class SupervisorConfig(Section):
     """Phases of a docking: speeds, distances and how long each may take."""
 
-    approach_speed_m_s: Positive
-    last_metre_speed_m_s: Positive
+    approach_speed_m_s: Annotated[float, Field(gt=0, le=0.6)]
+    last_metre_speed_m_s: Annotated[float, Field(gt=0, le=0.2)]
     push_speed_m_s: Annotated[float, Field(gt=0, le=0.05)]
     push_limit_m: Positive
-    retract_speed_m_s: Positive
+    retract_speed_m_s: Annotated[float, Field(gt=0, le=0.1)]
     retract_distance_m: Positive
     acquire_timeout_s: Positive
     approach_timeout_s: Positive
     lost_timeout_s: Positive
-    lock_timeout_s: Positive
+    lock_timeout_s: Annotated[float, Field(gt=0, le=60)]
 
 
 class ArmsConfig(Section):
@@ -303,7 +303,10 @@ class FollowerCanConfig(Section):
 
 
 class LeaderCanConfig(Section):
-    """The Leader's bus and its I/O module, whose outputs go off when the Leader is silent for ``watchdog_ms``."""
+    """The Leader's bus and its I/O module.
+
+    When the Leader is silent for ``watchdog_ms`` the actuator stops where it is; the LEDs stay as they are.
+    """
 
     bus: BusConfig
     master_node_id: Annotated[int, Field(ge=1, le=127)] = 127
@@ -346,7 +349,17 @@ class Config(Section):
     world: dict[str, Any] = {}
 
     @model_validator(mode="after")
-    def _goal_in_view(self) -> Config:
+    def _fits_together(self) -> Config:
+        limits, phases = self.limits, self.supervisor
+        if phases.approach_speed_m_s > limits.v_max_m_s:
+            raise ValueError("supervisor.approach_speed_m_s is more than limits.v_max_m_s")
+        if phases.retract_speed_m_s > -limits.v_min_m_s:
+            raise ValueError("supervisor.retract_speed_m_s is more than limits.v_min_m_s allows backwards")
+        if phases.push_limit_m <= self.docking.push_stroke_m:
+            raise ValueError("supervisor.push_limit_m must be more than docking.push_stroke_m")
+        # the controller steps on every third state
+        if abs(self.controller.period_ms * self.camera.rate_hz / 3000.0 - 1.0) > 0.02:
+            raise ValueError("controller.period_ms must be three frame periods, 3000 / camera.rate_hz")
         camera = self.camera
         pixels = camera.pinhole.to_pixels(features_at(self.leds.points, self.docking.goal(1), camera.mount))
         inside = (pixels >= 0) & (pixels <= [camera.width_px - 1, camera.height_px - 1])

@@ -26,6 +26,7 @@ from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, Schedule
 
 EXIT_BUG, EXIT_CONFIG, EXIT_DEVICE = 1, 2, 3
 REQUEST_TIMEOUT_S = 1.0
+_IDLE_S = 0.01
 _HEALTH_PERIOD_NS = NS_PER_S // 2
 
 
@@ -135,12 +136,14 @@ class ProcessExecutor:
             except MessageError as error:
                 self._inbox.malformed += 1
                 self._inbox.faults.append(str(error))
+                refusal = Answer("", "refused", f"not a request: {error}"[:400])
+                reply(self._outbox.pack(channel, refusal, self._clock.now_ns()))
                 return
             with self._desk_lock:
                 new = self._desk.admit(message.id, reply)
-            if new:
-                self._inbox.put_queued(channel, payload, self._clock.now_ns())
-                self._wake.set()
+            if new and not self._inbox.put_queued(channel, payload, self._clock.now_ns()):
+                self._publish([(channel, Answer(message.id, "refused", "too many requests wait"))])
+            self._wake.set()
 
         return receive
 
@@ -153,7 +156,9 @@ class ProcessExecutor:
             now_ns = self._clock.now_ns()
             due = schedule is not None and now_ns >= schedule.deadline_ns
             if woken or due:
-                self._step(now_ns)
+                published = self._step(now_ns)
+                if trigger.free and not published:
+                    self._wake.wait(_IDLE_S)  # a device that does not block must not spin
             if due and schedule is not None:
                 schedule.advance(now_ns)
             if now_ns >= health_due_ns:
@@ -168,12 +173,15 @@ class ProcessExecutor:
         self._wake.clear()
         return woken and not self._stopping
 
-    def _step(self, now_ns: int) -> None:
+    def _step(self, now_ns: int) -> bool:
+        """One step of the node; whether it published anything."""
         self._inbox.begin_step()
-        self._publish(self._node.step(now_ns, self._inbox))
+        outputs = self._node.step(now_ns, self._inbox)
+        self._publish(outputs)
         self._steps += 1
         self._durations_ns.append(self._clock.now_ns() - now_ns)
         notify_service_manager("WATCHDOG=1")
+        return bool(outputs)
 
     def _publish(self, outputs: Sequence[tuple[Channel[Any], Message]]) -> None:
         for channel, message in outputs:
@@ -187,7 +195,11 @@ class ProcessExecutor:
                 self._bus.publish(channel, payload)
 
     def _ask(self, channel: Channel[Any], payload: bytes) -> None:
-        reply = self._bus.request(channel, payload, REQUEST_TIMEOUT_S)
+        try:
+            reply = self._bus.request(channel, payload, REQUEST_TIMEOUT_S)
+        except Exception:  # noqa: BLE001 - said here; the node asks again
+            self._log.exception("request on %s", channel.key)
+            return
         if reply is not None:
             self._inbox.put_queued(channel, reply, self._clock.now_ns())
             self._wake.set()

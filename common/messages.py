@@ -26,7 +26,6 @@ Speed = Annotated[float, Field(ge=-10.0, le=10.0)]
 Torque = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Text = Annotated[str, Field(max_length=400)]
 Point2 = tuple[float, float]
-Triple = tuple[float, float, float]
 
 Phase = Literal["idle", "acquire", "approach", "push", "lock", "release", "retract", "done", "aborted"]
 PHASES: tuple[Phase, ...] = (
@@ -155,8 +154,6 @@ class Mission:
     straight_speed_m_s: Speed
     v_max_m_s: Annotated[float, Field(ge=0, le=1)]
     w_max_rad_s: Annotated[float, Field(ge=0, le=2)]
-    goal_x_m: Metres
-    goal_y_m: Metres
     goal_theta_rad: Angle
     desired_features: Annotated[tuple[Point2, ...], Field(max_length=12)]
     grip: Literal["open", "closed"]

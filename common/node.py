@@ -74,30 +74,31 @@ class Inbox:
 
     def __init__(self, boot_id: str) -> None:
         self._boot_id = boot_id
+        self._incoming: dict[str, tuple[bytes, int]] = {}
         self._newest: dict[str, tuple[bytes, int]] = {}
         self._decoded: dict[str, tuple[bytes, Received[Any] | None]] = {}
         self._arrived: set[str] = set()
         self._arriving: set[str] = set()
+        self._spoilt: set[str] = set()
         self._lock = threading.Lock()
         self._queues: dict[str, deque[tuple[bytes, int]]] = {}
         self.malformed = 0
-        self.overflowed = 0
         self.faults: deque[str] = deque(maxlen=16)
 
     def put_state(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> None:
         """Replace the newest payload; it is decoded only when the node looks."""
         with self._lock:
-            self._newest[channel.key] = (payload, receipt_ns)
+            self._incoming[channel.key] = (payload, receipt_ns)
             self._arriving.add(channel.key)
 
-    def put_queued(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> None:
-        """Append a request or an answer; beyond the backlog the oldest is dropped and counted."""
+    def put_queued(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> bool:
+        """Append a request or an answer; false, and nothing is kept, if too many wait already."""
         with self._lock:
             queue = self._queues.setdefault(channel.key, deque())
             if len(queue) >= REQUEST_BACKLOG:
-                queue.popleft()
-                self.overflowed += 1
+                return False
             queue.append((payload, receipt_ns))
+        return True
 
     def newest(self, channel: Channel[M]) -> Received[M] | None:
         """The newest valid message ever received; its age is the caller's to judge."""
@@ -109,8 +110,9 @@ class Inbox:
         if known is not None and known[0] is payload:
             return cast("Received[M] | None", known[1])
         received = self._decode(channel.message, channel, payload, receipt_ns)
-        if received is None and known is not None:
-            received = known[1]
+        if received is None:
+            self._spoilt.add(channel.key)
+            received = known[1] if known is not None else None
         self._decoded[channel.key] = (payload, received)
         return cast("Received[M] | None", received)
 
@@ -126,11 +128,11 @@ class Inbox:
         return received.message if now_ns - since_ns <= channel.max_age_ns else None
 
     def arrived(self, channel: Channel[M]) -> M | None:
-        """The newest message if it came since the last step."""
-        if channel.key not in self._arrived:
-            return None
+        """The newest message if it came since the last step and could be decoded."""
         received = self.newest(channel)
-        return received.message if received else None
+        if channel.key not in self._arrived or received is None:
+            return None
+        return received.message if channel.key not in self._spoilt else None
 
     def requests(self, channel: Channel[M]) -> list[Received[M]]:
         """Requests that came since the last step, oldest first."""
@@ -143,9 +145,12 @@ class Inbox:
         return [received.message for received in found if received is not None]
 
     def begin_step(self) -> None:
-        """What came until now counts as arrived in this step; executors call it before each step."""
+        """What came until now is what this step sees; executors call it before each step."""
         with self._lock:
+            self._newest.update(self._incoming)
+            self._incoming.clear()
             self._arrived, self._arriving = self._arriving, set()
+        self._spoilt.clear()
 
     def _take(self, key: str) -> list[tuple[bytes, int]]:
         with self._lock:

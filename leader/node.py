@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from common.canopen_bus import BusLostError
 from common.canopen_io import LeaderInputs, LeaderIo
 from common.channels import LEADER_STATE, LOCK_REQUEST
-from common.messages import LeaderState
+from common.messages import Answer, LeaderState
 from common.node import DeviceError, Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
 from leader.sequence import IoInputs, LeaderSequence
@@ -44,7 +44,9 @@ class LeaderNode(Node):
         requests = inputs.requests(LOCK_REQUEST)
         seen = self._exchange(now_ns)
         if seen is None:
-            return self._heartbeat(_silent(len(self._sequence.outputs.led_current_a)))
+            refused = [Answer(received.message.id, "refused", "I/O module silent") for received in requests]
+            silent = _silent(len(self._sequence.outputs.led_current_a))
+            return [*self._heartbeat(silent), *((LOCK_REQUEST, answer) for answer in refused)]
         for received in requests:
             self._sequence.request(received.message, received.receipt_ns, now_ns, seen)
         state, answers = self._sequence.step(now_ns, seen)

@@ -39,7 +39,7 @@ class LeaderSequence:
     def __init__(self, config: LeaderConfig, leds: LedsConfig) -> None:
         self._config = config
         self._leds = leds
-        self._lock: LockState = "open"
+        self._lock: LockState | None = None
         self._since_ns = 0
         self._cause = ""
         self._pending: tuple[str, str] | None = None
@@ -49,6 +49,7 @@ class LeaderSequence:
 
     def request(self, request: LockRequest, received_ns: int, now_ns: int, seen: IoInputs) -> None:
         """Take a request; its answer comes out of :meth:`step` once it is settled."""
+        self._find_lock(now_ns, seen)
         if now_ns - received_ns > request.valid_for_ms * NS_PER_MS:
             self._answers.append(Answer(request.id, "expired", "waited longer than it was valid"))
             return
@@ -69,6 +70,7 @@ class LeaderSequence:
 
     def step(self, now_ns: int, seen: IoInputs) -> tuple[LeaderState, list[Answer]]:
         """One step: the state to publish, and answers that are due."""
+        self._find_lock(now_ns, seen)
         if self._lock == "closing":
             if seen.lock_extended:
                 self._queue += 1
@@ -85,6 +87,16 @@ class LeaderSequence:
         answers = list(self._answers)
         self._answers.clear()
         return self._state(now_ns, seen), answers
+
+    def _find_lock(self, now_ns: int, seen: IoInputs) -> None:
+        """After a start the lock is where its switches say it is, wherever this process believed it to be."""
+        if self._lock is not None:
+            return
+        if seen.lock_extended == seen.lock_retracted:
+            self._cause = "after the start both lock switches are closed, or neither"
+            self._enter("fault", now_ns)
+        else:
+            self._enter("locked" if seen.lock_extended else "open", now_ns)
 
     def _refusal(self, request: LockRequest, seen: IoInputs) -> str:
         if self._pending is not None:
@@ -123,7 +135,7 @@ class LeaderSequence:
             led_current_a=seen.led_current_a,
             led_fault=led_fault,
             guide=guide,
-            lock=self._lock,
+            lock=self._lock or "fault",
             actuator_current_a=max(0.0, seen.actuator_current_a),
             queue=self._queue,
         )

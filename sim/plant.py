@@ -74,7 +74,7 @@ class Plant:
 
     def _roll(self, dt_s: float) -> None:
         base, world = self._config.base, self._world
-        gain = 1.0 + (world.load_gain if self.contact.gripped else 0.0)
+        gain = 1.0 + (world.load_gain_per_kg * world.trolley_mass_kg if self.contact.gripped else 0.0)
         follow = 1.0 - math.exp(-dt_s / world.wheel_lag_s)
         for i, motor in enumerate(self._wheels):
             target = motor.velocity_setpoint_rad_s if motor.enabled else 0.0

@@ -10,6 +10,7 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -52,19 +53,23 @@ class SteppedExecutor:
         ]
         self._events: list[tuple[int, int, Callable[[], None]]] = []
         self._order = itertools.count()
-        self._started = False
+        self._stack = ExitStack()
 
     def __enter__(self) -> SteppedExecutor:
-        self._started = True
-        for running in self._running:
-            running.node.start(self._clock.now_ns())
-            if running.node.trigger.period_ns:
-                self._at(self._clock.now_ns(), partial(self._periodic, running))
+        with ExitStack() as stack:
+            for running in self._running:
+                stack.callback(self._stop, running.node)
+                running.node.start(self._clock.now_ns())
+                if running.node.trigger.period_ns:
+                    self._at(self._clock.now_ns(), partial(self._periodic, running))
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        for running in reversed(self._running):
-            running.node.stop(self._clock.now_ns())
+        self._stack.close()
+
+    def _stop(self, node: Node) -> None:
+        node.stop(self._clock.now_ns())
 
     def run(self, until_ns: int, finished: Callable[[], bool] = lambda: False) -> None:
         """Serve events up to ``until_ns`` or until ``finished()`` holds after one."""
@@ -130,7 +135,8 @@ class SteppedExecutor:
                     self._at(arrives_ns, partial(self._answered, asker, channel, answer))
 
                 if server.desk.admit(message.id, reply):
-                    server.inbox.put_queued(channel, payload, self._clock.now_ns())
+                    if not server.inbox.put_queued(channel, payload, self._clock.now_ns()):
+                        raise RuntimeError(f"{channel.key}: too many requests wait")
                     self._wake(server)
 
     def _answered(self, asker: _Running, channel: Channel[Any], answer: bytes) -> None:

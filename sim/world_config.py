@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from common.config import Config, NonNegative, Positive, Section, validate
 from common.geometry import Pose2, pose_from_paper_start
 from sim.scenes import named_scene
+
+_LEADER_HALF_WIDTH_M = 0.5
+_FARTHEST_M = 100.0
 
 
 class WorldConfig(Section):
@@ -18,7 +21,7 @@ class WorldConfig(Section):
     seed: Annotated[int, Field(ge=0)]
     start: Annotated[tuple[float, float, float], Field(description="metres behind, metres, degrees")]
     wheel_lag_s: Annotated[float, Field(gt=0, le=1)] = 0.10
-    load_gain: Annotated[float, Field(gt=-0.5, le=0)] = -0.10
+    load_gain_per_kg: Annotated[float, Field(gt=-0.02, le=0)] = -0.0067
     trolley_mass_kg: Positive = 15.0
     rolling_resistance: NonNegative = 0.02
     handle_x_m: Positive = 0.45
@@ -41,6 +44,20 @@ class WorldConfig(Section):
     def _known_scene(cls, name: str) -> str:
         named_scene(name)
         return name
+
+    @model_validator(mode="after")
+    def _start_before_the_guide(self) -> WorldConfig:
+        begin, end = self.guide_ramp_m
+        if begin >= end:
+            raise ValueError("guide_ramp_m: its begin must lie before its end")
+        beam = self.start_pose.compose(Pose2(self.handle_x_m + self.handle_to_beam_m, 0.0, 0.0))
+        if beam.x_m > begin and abs(beam.y_m) < _LEADER_HALF_WIDTH_M:
+            raise ValueError(
+                f"start: the trolley's front beam would stand in the Leader, {beam.x_m - begin:.2f} m deep"
+            )
+        if max(abs(self.start[0]), abs(self.start[1])) > _FARTHEST_M:
+            raise ValueError(f"start: more than {_FARTHEST_M:.0f} m away")
+        return self
 
     @property
     def start_pose(self) -> Pose2:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -30,16 +31,20 @@ app = typer.Typer(
 
 @app.command(epilog="Example:  davpc sim --start 6,1.5,0 --seed 3 --out out/run3")
 def sim(
-    seed: Annotated[int, typer.Option(min=0, help="of sensor noise and of everything random")] = 1,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="of all that is random", show_default="configuration: 1")
+    ] = None,
     start: Annotated[
-        str, typer.Option(help="Follower's start: metres behind the Leader, metres left, degrees")
-    ] = "6,1.5,0",
+        str | None,
+        typer.Option(help="metres behind the Leader, metres left, degrees", show_default="configuration: 6,1.5,0"),
+    ] = None,
     scene: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="clean, dark_outdoor, parking_lot, glass_hall, clutter40, blocked, dead_led, second_leader"
+            help="dark_outdoor, parking_lot, glass_hall, clutter40, blocked, dead_led, second_leader",
+            show_default="configuration: clean",
         ),
-    ] = "clean",
+    ] = None,
     stepped: Annotated[
         bool, typer.Option(help="one process, stepped time: deterministic, faster than real time")
     ] = False,
@@ -55,16 +60,34 @@ def sim(
     from station.progress import live_progress
 
     console = Console(force_terminal=False if headless else None, highlight=False)
-    world = [f"world.seed={seed}", f"world.start={list(numbers(start, 3))}", f'world.scene="{scene}"']
-    run = launcher.Run(config or default_config_path(), [*(overrides or []), *world], out)
-    console.print(f"docking from {start} ({'stepped' if stepped else 'processes'}, seed {seed})")
+    chosen = list(overrides or [])
+    if seed is not None:
+        chosen.append(f"world.seed={seed}")
+    if start is not None:
+        chosen.append(f"world.start={list(numbers(start, 3))}")
+    if scene is not None:
+        chosen.append(f"world.scene={json.dumps(scene)}")
+    run = launcher.Run(config or default_config_path(), chosen, out)
+    world = run.world
+    x_m, y_m, theta_deg = world.start
+    console.print(
+        f"docking from {x_m:g},{y_m:g},{theta_deg:g} in scene {world.scene}, seed {world.seed}, "
+        + ("stepped" if stepped else f"{len(PROCESSES)} processes")
+    )
     with live_progress(console) as run.progress:
         record, cause = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
-    settings = {"seed": seed, "start": start, "scene": scene, "stepped": stepped, "overrides": overrides or []}
+    settings = {
+        "seed": world.seed,
+        "start": list(world.start),
+        "scene": world.scene,
+        "stepped": stepped,
+        "overrides": overrides or [],
+    }
     results = report.write_results(record, cause, settings, out)
     drawn = figures.draw_all(record, out)
     report.print_results(results, console)
-    console.print(f"written: {out / 'results.json'}, {', '.join(path.name for path in drawn)}", soft_wrap=True)
+    written = [out / "results.json", *drawn]
+    console.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)
     if not results["connected"]:
         raise typer.Exit(EXIT_NOT_DOCKED)
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import fcntl
 import os
 import queue
 import secrets
@@ -33,8 +34,9 @@ from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.processes import PROCESSES
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, SteppedClock
 from sim.stepped import SteppedExecutor
-from sim.world_config import world_config
+from sim.world_config import WorldConfig, world_config
 from sim.world_message import WORLD, WorldState
+from station import report
 from station.record import DockingRecord, TrueSample
 
 STATION = "station"
@@ -45,6 +47,8 @@ _AFTER_DEATH_NS = 1_500 * NS_PER_MS
 _TERMINATE_S = 3.0
 _PR_SET_PDEATHSIG = 1
 _PREFIX = "davpc-sim-"
+_OWNER = "owner.lock"
+_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 Progress = Callable[[DockingRecord], None]
 
 
@@ -57,10 +61,24 @@ class Run:
     out: Path
     progress: Progress = lambda _record: None
     config: Config = field(init=False)
+    world: WorldConfig = field(init=False)
 
     def __post_init__(self) -> None:
+        """Read and check everything, and make the folder empty of an earlier run's results.
+
+        Raises:
+            ConfigError: a mistake in the configuration, or ``out`` cannot be written to.
+        """
         self.config = load_config(self.config_path, self.overrides)
-        world_config(self.config, str(self.config_path))
+        self.world = world_config(self.config, str(self.config_path))
+        try:
+            (self.out / LOGS).mkdir(parents=True, exist_ok=True)
+            for name in report.OUTPUTS:
+                (self.out / name).unlink(missing_ok=True)
+            (self.out / report.OUTPUTS[0]).touch()
+            (self.out / report.OUTPUTS[0]).unlink()
+        except OSError as error:
+            raise ConfigError(f"--out {self.out}: cannot be written to: {error.strerror}") from error
 
 
 def true_sample(world: WorldState) -> TrueSample:
@@ -108,7 +126,7 @@ def run_stepped(run: Run) -> tuple[DockingRecord, str]:
     ]
     config = load_config(run.config_path, overrides)
     clock = SteppedClock()
-    with _runtime_directory() as runtime:
+    with _runtime_directory() as runtime, _interruptible() as interrupted:
         record = DockingRecord(config, runtime)
         nodes = [
             entry.factory()(NodeContext(config, run.config_path, runtime, number, clock))
@@ -117,24 +135,25 @@ def run_stepped(run: Run) -> tuple[DockingRecord, str]:
         nodes.append(_StationNode(record, clock.now_ns() + NS_PER_S))
         end_ns = clock.now_ns() + round(RUN_TIMEOUT_S * NS_PER_S)
         with SteppedExecutor(nodes, clock) as executor:
-            while record.phase not in ("done", "aborted") and clock.now_ns() < end_ns:
+            while record.phase not in ("done", "aborted") and clock.now_ns() < end_ns and not interrupted():
                 executor.run(clock.now_ns() + NS_PER_S // 5)
                 run.progress(record)
         record.release()
-    return record, "" if record.phase in ("done", "aborted") else "time_limit"
+        if record.phase in ("done", "aborted"):
+            return record, ""
+        return record, "interrupted" if interrupted() else "time_limit"
 
 
 # --- processes
 
 
-def run_processes(run: Run, prefix: str = "davpc") -> tuple[DockingRecord, str]:
+def run_processes(run: Run) -> tuple[DockingRecord, str]:
     """One docking with every process of the table; the record and what ended it early, if anything."""
-    log_directory = run.out / LOGS
-    log_directory.mkdir(parents=True, exist_ok=True)
     with _runtime_directory() as runtime, _listening_socket() as server, _interruptible() as interrupted:
-        children = _start_children(run, runtime, server, log_directory)
+        children: dict[str, subprocess.Popen[bytes]] = {}
         try:
-            with Bus(STATION, runtime, earlier_processes(STATION), prefix) as bus:
+            _start_children(run, runtime, server, children)
+            with Bus(STATION, runtime, earlier_processes(STATION)) as bus:
                 return _Session(run, runtime, bus, children, interrupted).dock()
         finally:
             stop_children(children)
@@ -253,18 +272,20 @@ class _Session:
             self._record.take(channel, message, header.stamp_ns)
 
 
-def _start_children(run: Run, runtime: Path, server: socket.socket, logs: Path) -> dict[str, subprocess.Popen[bytes]]:
+def _start_children(
+    run: Run, runtime: Path, server: socket.socket, children: dict[str, subprocess.Popen[bytes]]
+) -> None:
+    """Start every process of the table and enter it into ``children`` at once, so that it can be stopped."""
     host, port = server.getsockname()
     overrides = [*run.overrides, f"world.can_server_fd={server.fileno()}"]
     for bus in ("follower_can", "leader_can"):
         overrides += [f'{bus}.bus.host="{host}"', f"{bus}.bus.port={port}"]
-    children = {}
     for process in PROCESSES:
         command = [sys.executable, "-m", "station.cli", "run", process.name]
         command += ["--config", str(run.config_path.resolve()), "--runtime", str(runtime)]
         for override in overrides:
             command += ["--set", override]
-        with (logs / f"{process.name}.log").open("wb") as log:
+        with (run.out / LOGS / f"{process.name}.log").open("wb") as log:
             children[process.name] = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
@@ -275,13 +296,13 @@ def _start_children(run: Run, runtime: Path, server: socket.socket, logs: Path) 
                 env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
                 preexec_fn=_die_with_parent,
             )
-    return children
 
 
 def stop_children(children: dict[str, subprocess.Popen[bytes]]) -> None:
     """SIGTERM to both robots, so that their drives stop in order, then to the world; SIGKILL to what is left."""
     robots = [child for name, child in children.items() if name != WORLD.publisher]
-    for group in (robots, [children[WORLD.publisher]]):
+    world = [child for name, child in children.items() if name == WORLD.publisher]
+    for group in (robots, world):
         for child in group:
             if child.poll() is None:
                 child.send_signal(signal.SIGTERM)
@@ -304,19 +325,21 @@ def _runtime_directory() -> Iterator[Path]:
     """A private directory for sockets and frames, in memory where there is any; gone at the end."""
     parent = next((path for path in ("/dev/shm", "/run/shm") if os.access(path, os.W_OK)), None)
     _remove_orphans(Path(parent or tempfile.gettempdir()))
-    path = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-", dir=parent))
-    try:
-        yield path
-    finally:
-        shutil.rmtree(path, ignore_errors=True)
+    path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=parent))
+    with (path / _OWNER).open("w") as owner:
+        fcntl.flock(owner, fcntl.LOCK_EX)
+        try:
+            yield path
+        finally:
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def _remove_orphans(parent: Path) -> None:
     """Directories of launchers that were killed before they could clean up."""
-    for path in parent.glob(f"{_PREFIX}*-*"):
-        owner = path.name.removeprefix(_PREFIX).split("-")[0]
-        if owner.isdigit() and not Path(f"/proc/{owner}").exists():
-            shutil.rmtree(path, ignore_errors=True)
+    for path in parent.glob(f"{_PREFIX}*/{_OWNER}"):
+        with contextlib.suppress(OSError), path.open("r") as owner:
+            fcntl.flock(owner, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(path.parent, ignore_errors=True)
 
 
 @contextlib.contextmanager
@@ -328,11 +351,9 @@ def _listening_socket() -> Iterator[socket.socket]:
 
 @contextlib.contextmanager
 def _interruptible() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C and SIGTERM set a flag, so that everything is taken down in order."""
+    """Ctrl-C, SIGTERM and a closed terminal set a flag, so that everything is taken down in order."""
     seen: list[int] = []
-    before = {
-        number: signal.signal(number, lambda n, _: seen.append(n)) for number in (signal.SIGINT, signal.SIGTERM)
-    }
+    before = {number: signal.signal(number, lambda n, _: seen.append(n)) for number in _STOP_SIGNALS}
     try:
         yield lambda: bool(seen)
     finally:

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from common.timing import NS_PER_S
+from common.timing import NS_PER_MS, NS_PER_S
 from station.launcher import Progress
 from station.record import DockingRecord
 
@@ -49,6 +49,12 @@ def _table(record: DockingRecord) -> Table:
         table.add_row(
             "arms", f"handle {record.arms.handle_force_n:+.1f} N{'  contact' if record.arms.contact else ''}"
         )
+    ages = [
+        f"{channel.key.rsplit('/', 1)[-1]} {(record.newest_stamp_ns - record.stamps_ns[channel.key]) / NS_PER_MS:.0f}"
+        for channel in DockingRecord.CHANNELS
+        if channel.key in record.stamps_ns
+    ]
+    table.add_row("ages, ms", "  ".join(ages))
     if leader is not None:
         table.add_row("Leader", f"guide {leader.guide}, lock {leader.lock}")
     return table

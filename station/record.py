@@ -50,6 +50,7 @@ class DockingRecord:
     arms: ArmState | None = None
     leader: LeaderState | None = None
     newest_stamp_ns: int = 0
+    stamps_ns: dict[str, int] = field(default_factory=dict)
     _frames: deque[Frame] = field(default_factory=lambda: deque(maxlen=6))
     _reader: FrameReader | None = None
     _approach_commands: list[Command] = field(default_factory=list)
@@ -72,6 +73,7 @@ class DockingRecord:
     def take(self, channel: Channel[Any], message: Any, stamp_ns: int) -> None:
         """Take one message of :attr:`CHANNELS`, published at ``stamp_ns``."""
         self.newest_stamp_ns = max(self.newest_stamp_ns, stamp_ns)
+        self.stamps_ns[channel.key] = stamp_ns
         match message:
             case Frame():
                 self._frames.append(message)
@@ -151,8 +153,15 @@ class DockingRecord:
             "e_x_cm": 100 * abs(sample.pose.x_m - wanted.x_m),
             "e_y_cm": 100 * abs(sample.pose.y_m - wanted.y_m),
             "e_theta_deg": math.degrees(abs(wrap_angle(relative.theta_rad - goal.theta_rad))),
-            "e_p_px": float(np.sqrt(((self.pixels(relative) - self.pixels(goal)) ** 2).sum(axis=1).mean())),
+            "e_p_px": self._feature_error_px(relative, goal),
         }
+
+    def _feature_error_px(self, relative: Pose2, goal: Pose2) -> float | None:
+        """RMS distance of the features from the desired ones; None where the LEDs have no image."""
+        try:
+            return float(np.sqrt(((self.pixels(relative) - self.pixels(goal)) ** 2).sum(axis=1).mean()))
+        except ValueError:
+            return None
 
     def pixels(self, relative: Pose2) -> Array:
         """True projections of the LEDs (n, 2) from a relative pose."""

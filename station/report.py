@@ -22,6 +22,8 @@ _PAPER = {
     "m_v": "0.010",
     "m_w": "0.057",
 }
+# what a run leaves in its folder, beside its logs
+OUTPUTS = ("results.json", "trajectory.png", "timeseries.png", "camera_frame.png")
 _LABELS = {
     "e_x_cm": "e_x  normal error, cm",
     "e_y_cm": "e_y  lateral error, cm",

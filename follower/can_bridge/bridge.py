@@ -63,6 +63,10 @@ class Bridge:
     def step(self, heard: Heard, measured: Measurement) -> Orders:
         """Decide from what was heard and from the last exchange."""
         mission = heard.mission.message if heard.mission is not None else None
+        if self.state == "starting" and mission is not None and mission.armed:
+            # somebody armed an earlier run of this process: not to be resumed
+            self._stopped_epoch, self.epoch = mission.epoch, mission.epoch
+            self.state, self.cause = "stopped", "bridge_restarted"
         wanted = mission is not None and mission.armed and mission.epoch != self._stopped_epoch
         decision = self._gate.step(
             heard.now_ns,
@@ -102,7 +106,10 @@ class Bridge:
             if wanted:
                 self._stopped_epoch = self.epoch
         elif not wanted:
-            if self.state != "stopped" or heard.mission is None or heard.mission.message.epoch != self._stopped_epoch:
+            latched = heard.mission is not None and heard.mission.message.epoch == self._stopped_epoch
+            if latched and self.state in ("stopped", "fault"):
+                self.state = "stopped"
+            else:
                 self.state, self.cause = "disarmed", ""
         elif measured.wheels_enabled and measured.arms_enabled:
             self._was_armed = True

@@ -42,9 +42,12 @@ class DockingController:
         self._last = (0.0, 0.0)
 
     def step(
-        self, now_ns: int, state: DockingState, mission: Mission | None, wheels: tuple[float, float] | None
+        self, now_ns: int, state: DockingState | None, mission: Mission | None, wheels: tuple[float, float] | None
     ) -> Twist:
-        """The twist to command now; ``wheels`` is the one measured at the wheels, None if that is not known."""
+        """The twist to command now.
+
+        ``state`` is None in a gap of states; ``wheels`` is the twist measured at the wheels, None if not known.
+        """
         if mission is None or not mission.armed or mission.motion == "hold":
             self._plan = None
             self._last = (0.0, 0.0)
@@ -53,8 +56,8 @@ class DockingController:
         if mission.motion == "straight":
             self._plan = None
             twist = Twist(self._towards(mission.straight_speed_m_s), 0.0, "straight")
-        elif not state.valid:
-            twist = self._replay("state invalid")
+        elif state is None or not state.valid:
+            twist = self._replay("no valid state")
         else:
             twist = self._servo(now_ns, state, mission, wheels)
         self._last = (twist.v_m_s, twist.w_rad_s)

@@ -9,11 +9,13 @@ from common.channels import COMMAND, DOCKING_STATE, DRIVES, MISSION
 from common.kinematics import twist_from_wheels
 from common.messages import Command, DockingState, seal_command
 from common.node import Inbox, Node, NodeContext, Output, Trigger
-from common.timing import NS_PER_MS
+from common.timing import NS_PER_MS, NS_PER_S
 from follower.controller.docking import DockingController, Twist
 from follower.controller.interface import make_controller
 
 STATES_PER_COMMAND = 3
+# without states a command still comes, before the gate finds the last one too old: a gap pauses, it does not disarm
+_GAP_NS = 75 * NS_PER_MS
 _log = logging.getLogger("follower-controller")
 
 
@@ -23,7 +25,7 @@ class ControllerNode(Node):
     name = "follower-controller"
     inputs = (DOCKING_STATE, MISSION, DRIVES)
     outputs = (COMMAND,)
-    trigger = Trigger(wakes=(DOCKING_STATE,))
+    trigger = Trigger(period_ns=NS_PER_S // 50, wakes=(DOCKING_STATE,))
 
     def __init__(self, context: NodeContext) -> None:
         self._clock = context.clock
@@ -33,27 +35,33 @@ class ControllerNode(Node):
         self._deadline_ns = round(context.config.controller.deadline_ms * NS_PER_MS)
         self._last_stepped = -STATES_PER_COMMAND
         self._sequence = 0
+        self._commanded_ns = 0
 
     def start(self, now_ns: int) -> None:  # noqa: ARG002 - the contract's signature
         """Solve once before anything can be armed: the first solve takes many times the later ones."""
         self._solver.warm_up()
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
-        """A command on every third state; none if the solve took longer than its deadline."""
+        """A command on every third state, or after a gap of states; none if the solve took too long."""
         received = inputs.newest(DOCKING_STATE)
         if received is None:
             return ()
         number = received.header.sequence
-        if 0 <= number - self._last_stepped < STATES_PER_COMMAND:
+        third = inputs.arrived(DOCKING_STATE) is not None and not (
+            0 <= number - self._last_stepped < STATES_PER_COMMAND
+        )
+        if not third and now_ns - self._commanded_ns < _GAP_NS:
             return ()
         self._last_stepped = number
         drives = inputs.fresh(DRIVES, now_ns)
         wheels = twist_from_wheels(self._base, drives.wheel_speed_rad_s) if drives else None
-        twist = self._controller.step(now_ns, received.message, inputs.fresh(MISSION, now_ns), wheels)
+        state = received.message if third else None
+        twist = self._controller.step(now_ns, state, inputs.fresh(MISSION, now_ns), wheels)
         done_ns = self._clock.now_ns()
         if done_ns - now_ns > self._deadline_ns:
             _log.warning("a solve of %.0f ms is dropped", (done_ns - now_ns) / NS_PER_MS)
             return ()
+        self._commanded_ns = done_ns
         mission = inputs.newest(MISSION)
         epoch = mission.message.epoch if mission else 0
         return ((COMMAND, self._command(twist, epoch, received.message, done_ns)),)

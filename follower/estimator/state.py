@@ -75,7 +75,7 @@ class StateEstimator:
         if not detection.valid or detection.pose is None or detection.covariance is None:
             return
         if self._measured_ns is not None:
-            used = self._observer.update(detection.features, self._sigma)
+            used = self._observer.update(detection.features_level, self._sigma)
             self._refused = 0 if used.sum() >= len(used) - 1 else self._refused + 1
         if self._measured_ns is None or self._refused >= _REFUSED_LIMIT:
             self._observer.reset(detection.pose, _RESET_INFLATION * detection.covariance, capture_ns)

@@ -77,6 +77,7 @@ class DockingSequence:
         self._drives_seen_ns = 0
         self._odometer_start_m: float | None = None
         self._lock_id = ""
+        self._lock_confirmed = False
         self._lock_asked_ns = 0
         self._rearmed = 0
 
@@ -133,6 +134,8 @@ class DockingSequence:
             self._abort(f"drive_fault: {drives.cause}", seen.now_ns)
         elif self._armed and drives.state == "stopped" and drives.epoch == self._epoch:
             self._stopped(drives.cause, seen.now_ns)
+        elif self._phase != "acquire" and (drives.state != "armed" or drives.epoch != self._epoch):
+            self._abort(f"drives_{drives.state}: {drives.cause or 'disarmed by themselves'}", seen.now_ns)
 
     def _stopped(self, cause: str, now_ns: int) -> None:
         """S1: the gate stopped and disarmed. While nothing is in contact, arm anew once all is well, a few times."""
@@ -184,12 +187,17 @@ class DockingSequence:
             self._abort("contact_early", seen.now_ns)
         elif pushed_m > self._config.supervisor.push_limit_m:
             self._abort("no_contact", seen.now_ns)
+        elif self._overdue(seen, 2 * self._config.supervisor.push_limit_m / self._config.supervisor.push_speed_m_s):
+            self._abort("push_timeout", seen.now_ns)
 
     def _lock(self, seen: Observed) -> LockRequest | None:
-        refused = [a for a in seen.lock_answers if a.id == self._lock_id and a.outcome in ("refused", "expired")]
-        if refused:
-            self._abort(f"lock_refused: {refused[0].reason}", seen.now_ns)
-        elif seen.leader is not None and seen.leader.lock == "locked":
+        for answer in seen.lock_answers:
+            if answer.id == self._lock_id and answer.outcome == "done":
+                self._lock_confirmed = True
+            elif answer.id == self._lock_id:
+                self._abort(f"lock_{answer.outcome}: {answer.reason}", seen.now_ns)
+                return None
+        if self._lock_confirmed and seen.leader is not None and seen.leader.lock == "locked":
             self._enter("release", seen.now_ns)
         elif self._overdue(seen, self._config.supervisor.lock_timeout_s):
             self._abort("lock_timeout" if seen.leader is not None else "leader_silent", seen.now_ns)
@@ -228,6 +236,8 @@ class DockingSequence:
             return "controller silent"
         if seen.arms is None or not seen.arms.gripped:
             return "no trolley in the grippers"
+        if self._trolley == 1 and seen.leader is not None and seen.leader.lock != "open":
+            return f"the Leader's lock is {seen.leader.lock}, not open for trolley 1"
         return ""
 
     def _lost(self, seen: Observed) -> bool:
@@ -277,6 +287,7 @@ class DockingSequence:
         self._odometer_start_m = None
         if phase == "acquire":
             self._cause = self._lock_id = ""
+            self._lock_confirmed = False
 
     # --- what the others are told
 
@@ -294,8 +305,6 @@ class DockingSequence:
             straight_speed_m_s=0.0,
             v_max_m_s=0.0,
             w_max_rad_s=0.0,
-            goal_x_m=goal.x_m,
-            goal_y_m=goal.y_m,
             goal_theta_rad=goal.theta_rad,
             desired_features=self._desired(),
             grip="open" if self._phase in ("release", "retract", "done") else "closed",

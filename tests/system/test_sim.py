@@ -53,7 +53,8 @@ def test_a_docking_with_every_process(sim_run: Any) -> None:
 
 
 def test_stepped_dockings_are_bit_identical(sim_run: Any) -> None:
-    first, second = sim_run("--stepped", *START), sim_run("--stepped", *START)
+    nearer = ("--stepped", "--start", "2.4,0.08,2")
+    first, second = sim_run(*nearer), sim_run(*nearer)
     assert (first.finish(), second.finish()) == (0, 0), "".join(first.lines)
     assert is_docked(first.results()), first.results()
     assert (first.out / "results.json").read_bytes() == (second.out / "results.json").read_bytes()
@@ -78,7 +79,11 @@ def test_a_killed_follower_process_stops_the_wheels_and_is_named(sim_run: Any, c
     assert results["cause"] == f"process {victim} died (SIGKILL)"
     if victim == "follower-can-bridge":
         # nobody is left to send a frame: the drives' own watchdogs stop the wheels and say so
-        stopped_s = max(min(at for at, node, code in tap.emergencies if node == wheel and code) for wheel in wheels)
+        noticed = [
+            min(at for at, node, code in tap.emergencies if at > killed_s and node == wheel and code)
+            for wheel in wheels
+        ]
+        stopped_s = max(noticed)
     else:
         moving = [at for at, _, target in tap.targets if at > killed_s and target]
         stopped_s = max([killed_s, *moving])
@@ -122,6 +127,10 @@ def test_a_killed_launcher_takes_its_processes_with_it(sim_run: Any) -> None:
         (("--set", "controller.solver='magic'"), "controller.solver"),
         (("--config", "absent.toml"), "absent.toml: cannot be read"),
         (("--start", "6,1"), "write 3 numbers"),
+        (("--start", "1.2,0,0"), "would stand in the Leader"),
+        (("--out", "/proc/nope"), "--out /proc/nope"),
+        (("--set", "supervisor.approach_speed_m_s=5.0"), "supervisor.approach_speed_m_s"),
+        (("--set", "camera.rate_hz=20.0"), "three frame periods"),
     ],
 )
 def test_a_users_mistake_is_one_line_and_exit_code_2(sim_run: Any, arguments: tuple[str, ...], said: str) -> None:
@@ -131,6 +140,21 @@ def test_a_users_mistake_is_one_line_and_exit_code_2(sim_run: Any, arguments: tu
     assert len(complaints) == 1
     assert said in complaints[0]
     assert not any("Traceback" in line for line in run.lines)
+
+
+def test_leds_out_of_view_end_by_name_with_results(sim_run: Any) -> None:
+    run = sim_run("--stepped", "--start", "3,0,180")
+    assert run.finish() == 1, "".join(run.lines)
+    results = run.results()
+    assert results["cause"].startswith("acquire_timeout: LEDs not acquired")
+    assert results["metrics"]["e_p_px"] is None
+    assert not any("Traceback" in line for line in run.lines)
+
+
+def test_a_missing_device_is_one_line_and_exit_code_3(sim_run: Any) -> None:
+    run = sim_run("--stepped", "--set", "camera.driver='v4l2'", "--set", "camera.device='/dev/video99'")
+    assert run.finish(30) == 3, "".join(run.lines)
+    assert sum(line.startswith("davpc:") for line in run.lines) == 1
 
 
 def test_results_hold_what_programs_rely_on(sim_run: Any) -> None:

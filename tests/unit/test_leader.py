@@ -75,6 +75,15 @@ def test_locking_extends_until_the_switch_and_answers_then(bench: Bench) -> None
     assert bench.answers[-1].reason == "already locked"
 
 
+@pytest.mark.parametrize(
+    ("extended", "retracted", "lock"), [(True, False, "locked"), (False, True, "open"), (False, False, "fault")]
+)
+def test_after_a_start_the_lock_is_where_its_switches_say(
+    bench: Bench, extended: bool, retracted: bool, lock: str
+) -> None:
+    assert bench.run(0.1, lock_extended=extended, lock_retracted=retracted).lock == lock
+
+
 def test_without_a_beam_it_does_not_lock(bench: Bench) -> None:
     bench.run(0.1, beam_seated=False)
     bench.ask("lock")

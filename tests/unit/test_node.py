@@ -41,26 +41,32 @@ def test_only_the_newest_of_a_state_is_kept_and_it_arrives_in_one_step(inbox: In
 
 def test_age_counts_from_the_sources_stamp_within_a_robot(inbox: Inbox) -> None:
     inbox.put_state(LOCAL, leader(1, stamp_ns=0), receipt_ns=90 * NS_PER_MS)
+    inbox.begin_step()
     assert inbox.fresh(LOCAL, 100 * NS_PER_MS) is not None
     assert inbox.fresh(LOCAL, 100 * NS_PER_MS + 1) is None
 
 
 def test_age_counts_from_receipt_between_robots_whose_clocks_differ(inbox: Inbox) -> None:
     inbox.put_state(LEADER_STATE, leader(1, stamp_ns=10**15, boot="another machine"), receipt_ns=0)
+    inbox.begin_step()
     assert inbox.fresh(LEADER_STATE, 500 * NS_PER_MS) is not None
     assert inbox.fresh(LEADER_STATE, 501 * NS_PER_MS) is None
 
 
 def test_a_message_of_another_boot_is_refused_within_a_robot(inbox: Inbox) -> None:
     inbox.put_state(LOCAL, leader(1, boot="before the reboot"), 0)
+    inbox.begin_step()
     assert inbox.newest(LOCAL) is None
     assert inbox.malformed == 1
 
 
 def test_a_malformed_message_is_counted_and_the_last_good_one_stays(inbox: Inbox) -> None:
     inbox.put_state(LOCAL, leader(3), 0)
+    inbox.begin_step()
     assert inbox.newest(LOCAL) is not None
     inbox.put_state(LOCAL, b"garbage", 0)
+    inbox.begin_step()
+    assert inbox.arrived(LOCAL) is None
     newest = inbox.newest(LOCAL)
     assert newest is not None
     assert newest.message.queue == 3
@@ -68,13 +74,25 @@ def test_a_malformed_message_is_counted_and_the_last_good_one_stays(inbox: Inbox
     assert "MessagePack" in inbox.faults[0]
 
 
+def test_what_comes_during_a_step_belongs_to_the_next(inbox: Inbox) -> None:
+    inbox.put_state(LOCAL, leader(1), 0)
+    inbox.begin_step()
+    inbox.put_state(LOCAL, leader(2), 0)
+    seen = []
+    for _ in range(3):
+        message = inbox.arrived(LOCAL)
+        seen.append(message.queue if message else None)
+        inbox.begin_step()
+    assert seen == [1, 2, None]
+
+
 def test_requests_are_all_kept_in_order_and_bounded(inbox: Inbox) -> None:
     for n in range(REQUEST_BACKLOG + 5):
         request = DockRequest(str(n), 10, "start")
-        inbox.put_queued(DOCK_REQUEST, encode(request, Header("cli", 1, n, 0, "boot")), 0)
+        kept = inbox.put_queued(DOCK_REQUEST, encode(request, Header("cli", 1, n, 0, "boot")), 0)
+        assert kept == (n < REQUEST_BACKLOG)
     ids = [received.message.id for received in inbox.requests(DOCK_REQUEST)]
-    assert ids == [str(n) for n in range(5, REQUEST_BACKLOG + 5)]
-    assert inbox.overflowed == 5
+    assert ids == [str(n) for n in range(REQUEST_BACKLOG)]
     assert inbox.requests(DOCK_REQUEST) == []
 
 

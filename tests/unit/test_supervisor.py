@@ -102,9 +102,12 @@ def bench(config: Config) -> Bench:
 
 def test_a_docking_from_start_to_done(bench: Bench) -> None:
     bench.to_lock()
-    bench.step()
+    bench.run(3.0)
+    assert len(bench.lock_requests) >= 3
     assert {request.id for request in bench.lock_requests} == {bench.lock_requests[0].id}
-    assert bench.run(0.1, leader=replace(LEADER, lock="locked")) == "release"
+    assert bench.run(0.1, leader=replace(LEADER, lock="locked")) == "lock"
+    bench.step(lock_answers=(Answer(bench.lock_requests[0].id, "done", "locked"),))
+    assert bench.sequence.phase == "release"
     assert bench.mission is not None
     assert bench.mission.grip == "open"
     assert bench.run(0.1, arms=ArmState(0.0, False, False, False, True)) == "retract"
@@ -134,6 +137,7 @@ def test_nothing_moves_before_start_and_each_docking_has_a_new_epoch(bench: Benc
         ({"arms": None}, "no trolley"),
         ({"arms": ArmState(0.0, False, False, False, True)}, "no trolley"),
         ({"drives": None}, "no drives"),
+        ({"leader": replace(LEADER, lock="locked")}, "the Leader's lock is locked"),
     ],
 )
 def test_what_keeps_it_from_arming_is_named(bench: Bench, missing: dict[str, object], named: str) -> None:
@@ -194,6 +198,8 @@ def test_it_does_not_push_while_off_the_goal(bench: Bench, config: Config, off: 
         ({"stop_inputs_clear": False}, "stop_input"),
         ({"state": "fault", "cause": "node 1: EMCY 0x3210"}, "drive_fault: node 1: EMCY 0x3210"),
         ({"state": "stopped", "cause": "second_writer"}, "gate_stop: second_writer"),
+        ({"state": "disarmed"}, "drives_disarmed: disarmed by themselves"),
+        ({"epoch": 7}, "drives_armed: disarmed by themselves"),
     ],
 )
 def test_the_drives_can_end_a_docking_in_any_phase(config: Config, changes: dict[str, Any], cause: str) -> None:
@@ -240,6 +246,13 @@ def test_a_push_without_contact_ends_at_its_limit(bench: Bench, config: Config) 
     assert bench.run(0.1, drives=bench.roll(config.supervisor.push_limit_m + 0.01)) == "aborted"
     assert bench.mission is not None
     assert bench.mission.cause == "no_contact"
+
+
+def test_a_push_that_does_not_move_ends_in_time(bench: Bench) -> None:
+    bench.to_push()
+    assert bench.run(15.0) == "aborted"
+    assert bench.mission is not None
+    assert bench.mission.cause == "push_timeout"
 
 
 def test_a_trolley_that_stands_fast_before_the_lock_is_early_contact(bench: Bench) -> None:
