@@ -10,198 +10,28 @@ import contextlib
 import ctypes
 import math
 import os
-import secrets
 import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 from common.bus import Bus
-from common.canopen_frames import RPDO, CanFrame
-from common.channels import ARM_SETPOINT, DOCKING_STATE, DRIVES, MISSION
-from common.config import Config, load_config
+from common.channels import DRIVES
+from common.config import load_config
 from common.executor import earlier_processes
-from common.messages import ArmSetpoint, DockingState, Drives, Mission, decode
-from common.node import Outbox
-from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock
-from sim.can_bus import SimulatedBus
+from common.messages import Drives, decode
+from experiments.stop_feeder import SPEED_M_S, Feeder
+from experiments.stop_watch import Canary, StopWatch
 from sim.can_nodes import FollowerBus
 from sim.can_server import CanServer
-from sim.drive_402 import PowerState
 
 BRIDGE, CONTROLLER = "follower-can-bridge", "follower-controller"
-SPEED_M_S = 0.3
 READY_S, UNDER_WAY_S, ARMING_ATTEMPTS = 30.0, 15.0, 5
 _PRIORITY = 70
-_FEED_PERIOD_NS = NS_PER_S // 120
-_CANARY_PERIOD_S = 0.002
 _PR_SET_PDEATHSIG = 1
-_STOPPED = (PowerState.QUICK_STOP_ACTIVE, PowerState.SWITCH_ON_DISABLED)
-
-
-class StopWatch(SimulatedBus):
-    """A bus that remembers when the wheels were last told to move, first told to stop, and first stopped themselves.
-
-    Times are CLOCK_MONOTONIC [ns], None for what has not happened since :meth:`restart`.
-    """
-
-    def __init__(self, robot: FollowerBus) -> None:
-        super().__init__(robot.bus.nodes)
-        self._wheels = (robot.left_wheel, robot.right_wheel)
-        self._ids = {RPDO[0] + wheel.node_id for wheel in self._wheels}
-        self.last_rpdo_ns: int | None = None
-        self.moving_ns: int | None = None
-        self.told_ns: int | None = None
-        self.stopped_ns: int | None = None
-        self.moved_after_stop = 0
-
-    def restart(self) -> None:
-        """Forget what was seen."""
-        self.told_ns = self.stopped_ns = self.moving_ns = None
-        self.moved_after_stop = 0
-
-    def speed_counts(self) -> int:
-        """Smaller of the two wheels' target speeds, in counts per second."""
-        return min(abs(wheel.values[0x60FF, 0]) for wheel in self._wheels)
-
-    def handle(self, frame: CanFrame, now_ns: int) -> list[CanFrame]:
-        """Note the frame, then let the nodes have it."""
-        answers = super().handle(frame, now_ns)
-        if frame.can_id in self._ids and len(frame.data) == 6:
-            self._note(frame.data, now_ns)
-        self._note_states(now_ns)
-        return answers
-
-    def tick(self, now_ns: int) -> list[CanFrame]:
-        """Note what the drives do by themselves."""
-        sent = super().tick(now_ns)
-        self._note_states(now_ns)
-        return sent
-
-    def _note(self, data: bytes, now_ns: int) -> None:
-        self.last_rpdo_ns = now_ns
-        word, velocity = int.from_bytes(data[:2], "little"), int.from_bytes(data[2:], "little")
-        if velocity == 0 or word & 0x04 == 0:
-            self.told_ns = self.told_ns or now_ns
-        else:
-            self.moving_ns = now_ns
-            self.moved_after_stop += self.told_ns is not None or self.stopped_ns is not None
-
-    def _note_states(self, now_ns: int) -> None:
-        if self.stopped_ns is None and all(wheel.state in _STOPPED for wheel in self._wheels):
-            self.stopped_ns = now_ns
-
-
-class Canary:
-    """A thread that wants to run every 2 ms: the longest time that it could not is the host's fault."""
-
-    def __init__(self) -> None:
-        self._worst_ns = 0
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._sing, name="canary", daemon=True)
-        self._thread.start()
-
-    def restart(self) -> None:
-        """Begin to look anew."""
-        self._worst_ns = 0
-
-    def worst_ms(self) -> float:
-        """Longest pause beyond the period since then."""
-        return self._worst_ns / NS_PER_MS
-
-    def close(self) -> None:
-        """End the thread."""
-        self._stop.set()
-        self._thread.join()
-
-    def _sing(self) -> None:
-        before_ns = time.monotonic_ns()
-        while not self._stop.wait(_CANARY_PERIOD_S):
-            now_ns = time.monotonic_ns()
-            self._worst_ns = max(self._worst_ns, now_ns - before_ns - round(_CANARY_PERIOD_S * NS_PER_S))
-            before_ns = now_ns
-
-
-class Feeder:
-    """Publishes docking states at 60 Hz, missions at 20 Hz, arm set-points at 120 Hz, except those in ``muted``."""
-
-    def __init__(self, bus: Bus, config: Config) -> None:
-        self._bus, self._config = bus, config
-        self._clock = MonotonicClock()
-        names = ("follower-estimator", "follower-supervisor", "follower-arms")
-        self._out = {name: Outbox(name, secrets.randbits(62), self._clock.boot_id) for name in names}
-        self.epoch = 0
-        self.armed = False
-        self.muted: set[str] = set()
-        self._beats = 0
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._feed, name="feeder", daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """End the thread."""
-        self._stop.set()
-        self._thread.join()
-
-    def _feed(self) -> None:
-        due_ns = self._clock.now_ns()
-        while not self._stop.is_set():
-            self._clock.sleep_until(due_ns)
-            now_ns = self._clock.now_ns()
-            due_ns = max(due_ns + _FEED_PERIOD_NS, now_ns)
-            self._beats += 1
-            self._send("follower-arms", ARM_SETPOINT, ArmSetpoint(self.epoch, (0.0,) * 6, (0.0, 0.0), 0.2), 1)
-            self._send("follower-estimator", DOCKING_STATE, self._state(now_ns), 2)
-            self._send("follower-supervisor", MISSION, self._mission(), 6)
-
-    def _send(self, source: str, channel: object, message: object, every: int) -> None:
-        if self._beats % every == 0 and source not in self.muted:
-            self._bus.publish(channel, self._out[source].pack(channel, message, self._clock.now_ns()))  # type: ignore[arg-type]
-
-    def _state(self, now_ns: int) -> DockingState:
-        goal, count = self._config.docking.goal(1), len(self._config.leds.positions_m)
-        return DockingState(
-            frame_sequence=self._beats,
-            capture_ns=now_ns,
-            valid=True,
-            cause="ok",
-            leds_seen=count,
-            features=((0.0, 0.0),) * count,
-            features_filtered=((0.0, 0.0),) * count,
-            theta_homography_rad=None,
-            x_m=goal.x_m + 4.0,
-            y_m=0.0,
-            theta_rad=0.0,
-            covariance=(0.0,) * 9,
-            disturbance=(0.0,) * 4,
-            residual_px=0.0,
-            spots=count,
-            frames_seen=self._beats,
-            frames_dropped=0,
-        )
-
-    def _mission(self) -> Mission:
-        goal = self._config.docking.goal(1)
-        return Mission(
-            phase="approach",
-            cause="",
-            trolley=1,
-            method="paper",
-            epoch=self.epoch,
-            armed=self.armed,
-            motion="straight",
-            straight_speed_m_s=SPEED_M_S,
-            v_max_m_s=SPEED_M_S,
-            w_max_rad_s=0.5,
-            goal_theta_rad=goal.theta_rad,
-            desired_features=(),
-            grip="closed",
-            push=False,
-        )
 
 
 class StopBench:

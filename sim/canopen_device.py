@@ -7,12 +7,11 @@ transfer, event- and time-driven PDOs, COB-IDs other than the predefined connect
 from __future__ import annotations
 
 import logging
-import struct
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import canopen
-from canopen.objectdictionary import NUMBER_TYPES, SIGNED_TYPES
+from canopen.objectdictionary import NUMBER_TYPES
 from canopen.sdo.exceptions import SdoAbortedError
 from canopen.sdo.server import SdoServer
 
@@ -25,7 +24,6 @@ from common.canopen_frames import (
     NMT_RESET_NODE,
     NMT_START,
     NMT_STOP,
-    PDO_INVALID,
     RPDO,
     SDO_REQUEST,
     SDO_RESPONSE,
@@ -34,32 +32,22 @@ from common.canopen_frames import (
     STATE_PRE_OPERATIONAL,
     STATE_STOPPED,
     SYNC,
-    TPDO,
     CanFrame,
     Emergency,
     emergency_frame,
     heartbeat_frame,
 )
 from common.timing import NS_PER_MS
+from sim.canopen_pdo import Key, PdoTable
 
-Key = tuple[int, int]
 PDO_TOO_SHORT = 0x8210
 _COMMUNICATION_ERROR = 0x10
-_ABORT_READ_ONLY_NOW = 0x08000022
-_ABORT_VALUE_RANGE = 0x06090030
 _ABORT_VALUE_HIGH = 0x06090031
 _ABORT_VALUE_LOW = 0x06090032
 _ABORT_NO_OBJECT = 0x06020000
 _ABORT_LENGTH = 0x06070010
 _ABORT_WRITE_ONLY = 0x06010001
 _ABORT_READ_ONLY = 0x06010002
-_ABORT_NOT_MAPPABLE = 0x06040041
-_FORMATS = {(8, False): "B", (8, True): "b", (16, False): "H", (16, True): "h", (32, False): "I", (32, True): "i"}
-
-
-class _Pdo(NamedTuple):
-    codec: struct.Struct
-    keys: tuple[Key, ...]
 
 
 class CanopenDevice:
@@ -72,8 +60,6 @@ class CanopenDevice:
         self.values: dict[Key, int] = {}
         self._texts: dict[Key, bytes] = {}
         self._outbox: list[CanFrame] = []
-        self._receive: dict[int, _Pdo] = {}
-        self._transmit: dict[int, _Pdo] = {}
         self._pending: dict[int, bytes] = {}
         self._now_ns = 0
         self._next_heartbeat_ns = 0
@@ -83,6 +69,7 @@ class CanopenDevice:
         make_server: Any = SdoServer
         self._sdo = make_server(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, self)
         self._sdo.network = self
+        self._pdos = PdoTable(node_id, self.values, self._variable)
         self._load_defaults()
         self.values[0x1018, 4] = serial
 
@@ -205,50 +192,13 @@ class CanopenDevice:
 
     def _write(self, index: int, subindex: int, value: int) -> None:
         if 0x1400 <= index < 0x1C00:
-            self._configure_pdo(index, subindex, value)
+            self._pdos.configure(index, subindex, value)
         self.values[index, subindex] = value
         if index == 0x1016:
             self._heard_ns, self.heartbeat_lost = None, False
         elif index == 0x1017:
             self._next_heartbeat_ns = self._now_ns
         self.written((index, subindex))
-
-    def _configure_pdo(self, index: int, subindex: int, value: int) -> None:
-        """CiA 301: a mapping changes only while its PDO is invalid; enabling it checks the mapping."""
-        transmit, number = index >= 0x1800, index & 0x1FF
-        parameters = 0x1800 + number if transmit else 0x1400 + number
-        valid = not self.values[parameters, 1] & PDO_INVALID
-        table = self._transmit if transmit else self._receive
-        cob_id = (TPDO if transmit else RPDO)[number] + self.node_id
-        if index != parameters:
-            if valid or (subindex == 0 and value > 4):
-                raise SdoAbortedError(_ABORT_READ_ONLY_NOW)
-        elif subindex == 1:
-            if value & 0x7FF != cob_id:
-                raise SdoAbortedError(_ABORT_VALUE_RANGE)
-            if value & PDO_INVALID:
-                table.pop(cob_id, None)
-            else:
-                table[cob_id] = self._mapped(parameters + 0x200)
-        elif value > 1 and value != 255:
-            raise SdoAbortedError(_ABORT_VALUE_RANGE)
-
-    def _mapped(self, index: int) -> _Pdo:
-        keys: list[Key] = []
-        layout = "<"
-        for position in range(1, self.values[index, 0] + 1):
-            entry = self.values[index, position]
-            key = (entry >> 16, entry >> 8 & 0xFF)
-            variable = self._variable(*key)
-            bits = entry & 0xFF
-            if not variable.pdo_mappable or bits != len(variable):
-                raise SdoAbortedError(_ABORT_NOT_MAPPABLE)
-            layout += _FORMATS[bits, variable.data_type in SIGNED_TYPES]
-            keys.append(key)
-        codec = struct.Struct(layout)
-        if codec.size > 8:
-            raise SdoAbortedError(0x06040042)
-        return _Pdo(codec, tuple(keys))
 
     def _boot(self) -> None:
         self._outbox.append(heartbeat_frame(self.node_id, STATE_BOOT_UP))
@@ -277,8 +227,7 @@ class CanopenDevice:
         self._load_defaults()
         self.values.update(kept)
         self.values[0x1018, 4] = serial
-        self._receive.clear()
-        self._transmit.clear()
+        self._pdos.clear()
         self._heard_ns, self.heartbeat_lost = None, False
 
     def _hear(self, node_id: int) -> None:
@@ -298,7 +247,7 @@ class CanopenDevice:
             self._leave(STATE_STOPPED)
 
     def _take_pdo(self, cob_id: int, data: bytes) -> None:
-        pdo = self._receive.get(cob_id)
+        pdo = self._pdos.receive.get(cob_id)
         if pdo is None:
             return
         if len(data) != pdo.codec.size:
@@ -311,7 +260,7 @@ class CanopenDevice:
             self._apply(cob_id, data)
 
     def _apply(self, cob_id: int, data: bytes) -> None:
-        pdo = self._receive[cob_id]
+        pdo = self._pdos.receive[cob_id]
         self.values.update(zip(pdo.keys, pdo.codec.unpack(data), strict=True))
         for key in pdo.keys:
             self.written(key)
@@ -323,7 +272,7 @@ class CanopenDevice:
             self._apply(cob_id, data)
         self.sampled()
         values = self.values
-        for cob_id, pdo in self._transmit.items():
+        for cob_id, pdo in self._pdos.transmit.items():
             self._outbox.append(CanFrame(cob_id, pdo.codec.pack(*[values[key] for key in pdo.keys])))
 
     def _flush(self) -> list[CanFrame]:

@@ -13,7 +13,8 @@ from typing import Literal
 
 from common.config import DriveConfig
 from sim.can_faults import EncoderFault
-from sim.canopen_device import CanopenDevice, Key
+from sim.canopen_device import CanopenDevice
+from sim.canopen_pdo import Key
 from sim.drive_profile import approach, ramp
 
 
@@ -121,8 +122,7 @@ class Drive402(CanopenDevice):
         if mode == 3:
             self._move_velocity(stopping, elapsed_s)
         elif mode == 4:
-            target = 0.0 if stopping else self._limited_torque()
-            self._torque = 0.0 if stopping else ramp(self._torque, target, *self._torque_slope(), elapsed_s)
+            self._torque = 0.0 if stopping else self._move_torque(elapsed_s)
         elif mode == 1 and not stopping:
             self._move_position(elapsed_s)
         if self._after_ramp is not None and (mode != 3 or self._velocity == 0.0):
@@ -261,13 +261,11 @@ class Drive402(CanopenDevice):
         target = 0.0 if stopping else max(-limit, min(limit, values[0x60FF, 0]))
         self._velocity = ramp(self._velocity, target, max(values[0x6083, 0], 1), max(down, 1), elapsed_s)
 
-    def _limited_torque(self) -> float:
-        limit = self.values[0x6072, 0]
-        return float(max(-limit, min(limit, self.values[0x6071, 0])))
-
-    def _torque_slope(self) -> tuple[float, float]:
-        slope = float(max(self.values[0x6087, 0], 1))
-        return slope, slope
+    def _move_torque(self, elapsed_s: float) -> float:
+        """Along the torque slope (6087h) to the target within max torque (6072h), in per mille."""
+        limit, slope = self.values[0x6072, 0], float(max(self.values[0x6087, 0], 1))
+        target = float(max(-limit, min(limit, self.values[0x6071, 0])))
+        return ramp(self._torque, target, slope, slope, elapsed_s)
 
     def _take_setpoint(self, word: int) -> None:
         """Profile position handshake: new set-point (bit 4) is acknowledged until it falls (statusword bit 12)."""

@@ -47,6 +47,7 @@ class Plant:
         self.contact.regrip(self._handle_reach().x_m)
         self._grip_angle = [_GRIP_CLOSED_RAD, _GRIP_CLOSED_RAD]
         self.time_ns: int | None = None
+        self._move_leader(0.0)
 
     @property
     def locked(self) -> bool:
