@@ -88,8 +88,6 @@ class Feeder:
             straight_speed_m_s=SPEED_M_S,
             v_max_m_s=SPEED_M_S,
             w_max_rad_s=0.5,
-            goal_x_m=goal.x_m,
-            goal_y_m=goal.y_m,
             goal_theta_rad=goal.theta_rad,
             desired_features=(),
             grip="closed",
