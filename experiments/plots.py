@@ -53,9 +53,8 @@ def draw_trajectories(traces: dict[str, list[Trace]], config: Config, path: Path
     plan.invert_xaxis()
     plan.set(xlabel="distance behind the Leader [m]", ylabel="y [m]", title="plan view, one line style a start")
     heading.set(xlabel="t [s]", ylabel="θ_L^F [°]", title="heading, first start")
-    camera = config.camera
-    image.set(xlim=(0, camera.width_px), ylim=(camera.height_px, 0), xlabel="u [px]", ylabel="v [px]")
-    image.set_title("features in the image, first start")
+    image.set(xlabel="u [px]", ylabel="v [px]", aspect="equal", title="features in the image, first start")
+    image.invert_yaxis()
     error.set(xlabel="t [s]", ylabel="px", title="features, RMS distance to where they end")
     for axis in (plan, heading, error):
         axis.grid(alpha=0.3)

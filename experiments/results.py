@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,9 @@ HEADINGS = {
 }
 
 
-def row(method: str, case: str, n: int, metrics: dict[str, float]) -> dict[str, Any]:
+def row(method: str, case: str, n: int, metrics: Mapping[str, float | None]) -> dict[str, Any]:
     """One row of results.json."""
-    return {"method": method, "case": case, "n": n, "metrics": metrics}
+    return {"method": method, "case": case, "n": n, "metrics": dict(metrics)}
 
 
 def write_results(
@@ -30,9 +31,11 @@ def write_results(
 ) -> dict[str, Any]:
     """Write ``results.json`` and ``table.md`` into the folder ``out``; returns the former's content."""
     out.mkdir(parents=True, exist_ok=True)
-    results = {"experiment": experiment, "seed": seed, "settings": settings, "rows": rows, "paper": paper}
-    (out / "results.json").write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    content = {"experiment": experiment, "seed": seed, "settings": settings, "rows": rows, "paper": paper}
+    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+    (out / "results.json").write_text(text + "\n", encoding="utf-8")
     (out / "table.md").write_text(markdown(experiment, rows), encoding="utf-8")
+    results: dict[str, Any] = json.loads(text)
     return results
 
 
@@ -54,7 +57,7 @@ def markdown(experiment: str, rows: list[dict[str, Any]]) -> str:
 
 
 def _cell(value: float | None) -> str:
-    if value is None or value == -1.0:
+    if value is None:
         return "–"
     if float(value).is_integer() and abs(value) < 1e6:
         return str(int(value))

@@ -19,9 +19,13 @@ Job = tuple["Case", int]
 
 @dataclass(frozen=True)
 class Case:
-    """A method in one setting; the configuration as JSON, by which a process knows the solver it has built."""
+    """A method in one setting; the configuration as JSON, by which a process knows the solver it has built.
+
+    ``label`` is the method's name in the results.
+    """
 
     method: str
+    label: str
     name: str
     config_text: str
     array: str
@@ -32,10 +36,10 @@ class Case:
 
 def make_case(
     config: Config, method: str, name: str, starts: list[Pose2], disturbances: Disturbances, seed: int,
-    array: str = "vertical",
+    array: str = "vertical", label: str = "",
 ) -> Case:  # fmt: skip
     """A case; its runs are numbered by their starts."""
-    return Case(method, name, config.model_dump_json(), array, tuple(starts), disturbances, seed)
+    return Case(method, label or method, name, config.model_dump_json(), array, tuple(starts), disturbances, seed)
 
 
 def fly_job(job: Job) -> Outcome:
@@ -60,7 +64,7 @@ def table(cases: list[Case], metrics: list[dict[str, float]]) -> list[dict[str, 
     rows, at = [], 0
     for case in cases:
         count = len(case.starts)
-        rows.append(row(case.method, case.name, count, summarise(metrics[at : at + count])))
+        rows.append(row(case.label, case.name, count, summarise(metrics[at : at + count])))
         at += count
     return rows
 

@@ -11,15 +11,15 @@ import numpy as np
 from common.config import Config
 from experiments.campaign import run_all
 from experiments.cramer_rao import bound
-from experiments.pilots import Task
 from experiments.results import row, write_results
-from experiments.runs import Case, all_jobs, fly_job, make_case, metrics_job, table
+from experiments.runs import Case, Job, all_jobs, fly_job, make_case, metrics_job, table
 from experiments.scenes import (
     DISTURBANCES,
     DURATION_S,
     NOISE_PX,
     NOISE_THETA_RAD,
     PAPER_TABLE,
+    PAPER_TUNING,
     START_RANGES,
     method_config,
     random_starts,
@@ -56,22 +56,37 @@ def run(
         raise ValueError(f"case {unknown[0]!r} is none of {', '.join(CASES)}")
     todo = [_case(config, method, name, trials, seed) for name in cases for method in methods]
     metrics = run_all(metrics_job, all_jobs(todo), jobs, "table1")
-    rows = table(todo, metrics) + [_bound_row(config, name, min(trials, BOUND_RUNS), seed) for name in cases]
+    rows = table(todo, metrics)
+    if "davpc" in methods:
+        rows += _bound_rows([_case(config, "davpc", name, min(trials, BOUND_RUNS), seed) for name in cases], jobs)
     return write_results(out, "table1", seed, _settings(trials, methods), rows, list(PAPER_TABLE))
 
 
 def _case(config: Config, method: str, name: str, trials: int, seed: int) -> Case:
     array = "tilted" if name.endswith("tilted") else "vertical"
+    flown = "vpc" if method == "paper" else method  # the paper's simulation has its nominal controller
     starts = random_starts(method_config(config, method, array), name, trials, seed)
-    return make_case(config, method, name, starts, DISTURBANCES["none"], seed, array)
+    return make_case(config, flown, name, starts, DISTURBANCES["none"], seed, array, method)
 
 
-def _bound_row(config: Config, name: str, runs: int, seed: int) -> dict[str, Any]:
-    """The Cramér–Rao bound along the default method's own paths."""
-    case = _case(config, "davpc", name, runs, seed)
-    task: Task = goal_task(method_config(config, "davpc", case.array))
-    bounds = [bound(task, fly_job((case, i)).trace) for i in range(runs)]
-    return row("cramer_rao", name, runs, {key: float(np.mean([b[key] for b in bounds])) for key in bounds[0]})
+def bound_job(job: Job) -> dict[str, float]:
+    """The Cramér–Rao bound along one flight of the default method."""
+    case, _ = job
+    task = goal_task(method_config(Config.model_validate_json(case.config_text), case.method, case.array))
+    return bound(task, fly_job(job).trace)
+
+
+def _bound_rows(cases: list[Case], jobs: int) -> list[dict[str, Any]]:
+    """The bound of each case, averaged over its first starts."""
+    bounds = run_all(bound_job, all_jobs(cases), jobs, "information limit")
+    rows = []
+    for i, case in enumerate(cases):
+        count = len(case.starts)
+        mine = bounds[i * count : (i + 1) * count]
+        rows.append(
+            row("cramer_rao", case.name, count, {key: float(np.mean([b[key] for b in mine])) for key in mine[0]})
+        )
+    return rows
 
 
 def _settings(trials: int, methods: tuple[str, ...]) -> dict[str, Any]:
@@ -82,5 +97,6 @@ def _settings(trials: int, methods: tuple[str, ...]) -> dict[str, Any]:
         "noise_theta_rad": NOISE_THETA_RAD,
         "duration_s": DURATION_S,
         "starts": {name: asdict(limits) for name, limits in START_RANGES.items()},
-        "paper": "the nominal controller on raw measurements, as the paper's simulation",
+        "paper": "the nominal controller on raw measurements, as in the paper's simulation",
+        "paper_tuning": PAPER_TUNING,
     }

@@ -116,13 +116,13 @@ def _metrics(task: Task, world: FeatureWorld, trace: Trace, lost: bool, settled_
     }
 
 
-def summarise(outcomes: list[dict[str, float]]) -> dict[str, float]:
-    """Means over runs; counts for ``lost`` and ``over_bound``; worst e_y; settling time of those that settled."""
+def summarise(outcomes: list[dict[str, float]]) -> dict[str, float | None]:
+    """Means over runs, counts for ``lost`` and ``over_bound``, worst e_y; ``settle_s`` None when no run settled."""
     table = {name: np.array([metrics[name] for metrics in outcomes]) for name in METRICS}
-    summary = {name: float(np.mean(table[name])) for name in METRICS[:6]}
+    summary: dict[str, float | None] = {name: float(np.mean(table[name])) for name in METRICS[:6]}
     summary["lost"], summary["over_bound"] = float(table["lost"].sum()), float(table["over_bound"].sum())
     settled = table["settle_s"][np.isfinite(table["settle_s"])]
-    summary["settle_s"] = float(settled.mean()) if settled.size else -1.0
+    summary["settle_s"] = float(settled.mean()) if settled.size else None
     summary["unsettled"] = float(len(outcomes) - settled.size)
     summary["worst_e_y_cm"] = float(table["e_y_cm"].max())
     return summary

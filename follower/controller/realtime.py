@@ -28,7 +28,7 @@ from follower.controller.rollout import Rollout, roll_out
 from follower.controller.wheel_lag import wheel_response
 from follower.motion import NO_DISTURBANCE, MotionDisturbance
 
-COLD_STEPS = 12
+COLD_STEPS = 5  # without a warm start; closed loop does the rest
 CONVERGED = 1e-5
 TOLERANCE = 1e-6
 NEAR_EDGE = 0.2  # normalised; features farther inside get no row
