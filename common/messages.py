@@ -112,7 +112,9 @@ class DockingState:
     ``features_filtered`` the same from the filtered pose. The pose is that of {L} in {F} at ``capture_ns``,
     its covariance row by row (x [m], y [m], θ [rad]). ``theta_homography_rad`` is θ_L^F of the paper's
     homography where that has a solution. ``disturbance`` is what the motion differs from the wheels by: relative
-    speed, relative turn, yaw [rad/s], sideways [m/s]. ``valid`` is false with a ``cause`` that says why.
+    speed, relative turn, yaw [rad/s], sideways [m/s]. ``fit`` is the frame's own planar fit, unfiltered: x [m],
+    y [m], θ, camera pitch and roll [rad], with the covariance of x, y, θ in ``fit_covariance``. ``valid`` is false
+    with a ``cause`` that says why.
     """
 
     SCHEMA: ClassVar[str] = "docking_state/1"
@@ -129,6 +131,8 @@ class DockingState:
     theta_rad: Angle
     covariance: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]
     disturbance: tuple[float, float, float, float]
+    fit: tuple[Metres, Metres, Angle, Angle, Angle] | None
+    fit_covariance: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)] | None
     residual_px: Annotated[float, Field(ge=0)]
     spots: Count
     frames_seen: Count

@@ -69,6 +69,8 @@ class Feeder:
             theta_rad=0.0,
             covariance=(0.0,) * 9,
             disturbance=(0.0,) * 4,
+            fit=None,
+            fit_covariance=None,
             residual_px=0.0,
             spots=count,
             frames_seen=self._beats,

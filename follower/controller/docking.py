@@ -11,6 +11,7 @@ from common.geometry import Array, Pose2, features_at, move_relative
 from common.messages import DockingState, Mission
 from common.timing import NS_PER_MS, NS_PER_S
 from follower.controller.interface import Plan, PredictiveController, SpeedCaps
+from follower.controller.paper_method import PaperMethod
 from follower.motion import MotionDisturbance
 
 MAX_REPLAYED_PLANS = 2
@@ -37,6 +38,7 @@ class DockingController:
     def __init__(self, config: Config, solver: PredictiveController) -> None:
         self._config = config
         self._solver = solver
+        self._paper = PaperMethod(config, solver) if config.controller.method == "paper" else None
         self._plan: Plan | None = None
         self._replayed = 0
         self._last = (0.0, 0.0)
@@ -52,6 +54,8 @@ class DockingController:
             self._plan = None
             self._last = (0.0, 0.0)
             self._solver.reset()
+            if self._paper is not None:
+                self._paper.reset()
             return ZERO
         if mission.motion == "straight":
             self._plan = None
@@ -63,28 +67,43 @@ class DockingController:
         self._last = (twist.v_m_s, twist.w_rad_s)
         return twist
 
+    def observe(self, state: DockingState, wheels: tuple[float, float] | None) -> None:
+        """Show every docking state, also those on which no command is due: the paper's observer lives on them."""
+        if self._paper is not None and state.valid:
+            self._paper.observe(state, self._last, wheels)
+
     def _servo(self, now_ns: int, state: DockingState, mission: Mission, wheels: tuple[float, float] | None) -> Twist:
         limits = self._config.limits
-        pose, features, theta_rad = self._at_effect(now_ns, state, wheels or self._last)
         caps = SpeedCaps(
             limits.v_min_m_s, min(limits.v_max_m_s, mission.v_max_m_s), min(limits.w_max_rad_s, mission.w_max_rad_s)
         )
-        desired = np.array(mission.desired_features)
-        plan = self._solver.solve(
-            pose,
-            features,
-            theta_rad,
-            desired,
-            mission.goal_theta_rad,
-            self._last,
-            caps,
-            MotionDisturbance(*state.disturbance),
-            wheels,
-        )
+        desired, theta_rad = np.array(mission.desired_features), mission.goal_theta_rad
+        if self._paper is not None:
+            plan = self._paper.plan(state, desired, theta_rad, self._last, caps)
+        else:
+            plan = self._plan_ahead(now_ns, state, desired, theta_rad, caps, wheels)
         if not plan.usable:
             return self._replay(plan.status.value)
         self._plan, self._replayed = plan, 0
+        if self._paper is not None:
+            return Twist(*self._paper.compensated(state, plan.first, self._last, caps), "compensated")
         return Twist(*plan.first, "solved")
+
+    def _plan_ahead(
+        self,
+        now_ns: int,
+        state: DockingState,
+        desired: Array,
+        goal_theta_rad: float,
+        caps: SpeedCaps,
+        wheels: tuple[float, float] | None,
+    ) -> Plan:
+        """The default method: from the filtered pose, with its disturbance, where the command will take effect."""
+        pose, features, theta_rad = self._at_effect(now_ns, state, wheels or self._last)
+        disturbance = MotionDisturbance(*state.disturbance)
+        return self._solver.solve(
+            pose, features, theta_rad, desired, goal_theta_rad, self._last, caps, disturbance, wheels
+        )
 
     def _at_effect(self, now_ns: int, state: DockingState, twist: tuple[float, float]) -> tuple[Pose2, Array, float]:
         """The filtered state moved on, with the present twist, to when the next command takes effect."""

@@ -50,11 +50,13 @@ class ControllerNode(Node):
         third = inputs.arrived(DOCKING_STATE) is not None and not (
             0 <= number - self._last_stepped < STATES_PER_COMMAND
         )
+        drives = inputs.fresh(DRIVES, now_ns)
+        wheels = twist_from_wheels(self._base, drives.wheel_speed_rad_s) if drives else None
+        if inputs.arrived(DOCKING_STATE) is not None:
+            self._controller.observe(received.message, wheels)
         if not third and now_ns - self._commanded_ns < _GAP_NS:
             return ()
         self._last_stepped = number
-        drives = inputs.fresh(DRIVES, now_ns)
-        wheels = twist_from_wheels(self._base, drives.wheel_speed_rad_s) if drives else None
         state = received.message if third else None
         twist = self._controller.step(now_ns, state, inputs.fresh(MISSION, now_ns), wheels)
         done_ns = self._clock.now_ns()

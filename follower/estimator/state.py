@@ -105,10 +105,24 @@ class StateEstimator:
             x_m=pose.x_m,
             y_m=pose.y_m,
             theta_rad=pose.theta_rad,
-            covariance=tuple(float(value) for value in self._observer.covariance.reshape(-1)),
+            covariance=_row(self._observer.covariance),
             disturbance=astuple(self._observer.disturbance),
+            fit=_fit(detection),
+            fit_covariance=None if detection.covariance is None else _row(detection.covariance),
             residual_px=detection.residual_px,
             spots=detection.spots,
             frames_seen=self._seen,
             frames_dropped=self._dropped,
         )
+
+
+def _fit(detection: Detection) -> tuple[float, float, float, float, float] | None:
+    pose = detection.pose
+    if pose is None:
+        return None
+    return pose.x_m, pose.y_m, pose.theta_rad, detection.pitch_rad, detection.roll_rad
+
+
+def _row(matrix: Array) -> tuple[float, ...]:
+    """A (3, 3) matrix row by row."""
+    return tuple(float(value) for value in matrix.reshape(-1))

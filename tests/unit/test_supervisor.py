@@ -20,7 +20,7 @@ def docking_state(config: Config, pose: Pose2, valid: bool = True) -> DockingSta
     filtered = tuple((float(a), float(b)) for a, b in features_at(config.leds.points, pose, config.camera.mount))
     return DockingState(
         1, 0, valid, "ok" if valid else "few_leds", 4, (None,) * 4, filtered if valid else (), None,
-        pose.x_m, pose.y_m, pose.theta_rad, (0.0,) * 9, (0.0,) * 4, 0.1, 4, 1, 0,
+        pose.x_m, pose.y_m, pose.theta_rad, (0.0,) * 9, (0.0,) * 4, None, None, 0.1, 4, 1, 0,
     )  # fmt: skip
 
 
