@@ -144,7 +144,8 @@ class Mission:
     """What the supervisor wants of the Follower's processes; while ``armed`` it is the arm token.
 
     ``motion`` tells the controller: ``servo`` to the desired features, ``straight`` at ``straight_speed_m_s``,
-    or ``hold``. The caps may only lower the configured limits.
+    or ``hold``. The caps may only lower the configured limits. ``resets`` counts a person's requests to acknowledge
+    faults; the bridge acts on a change while it is disarmed.
     """
 
     SCHEMA: ClassVar[str] = "mission/1"
@@ -162,6 +163,7 @@ class Mission:
     desired_features: Annotated[tuple[Point2, ...], Field(max_length=12)]
     grip: Literal["open", "closed"]
     push: bool
+    resets: Count
 
 
 @dataclass(frozen=True, config=STRICT)

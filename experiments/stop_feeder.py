@@ -94,4 +94,5 @@ class Feeder:
             desired_features=(),
             grip="closed",
             push=False,
+            resets=0,
         )

@@ -36,7 +36,7 @@ class Orders:
     """What the bus is to do in this cycle; ``power`` is what is asked of the drives, None for no change."""
 
     setpoint: DriveSetpoint
-    power: Literal["enable", "stop_arms", "disable"] | None
+    power: Literal["enable", "stop_arms", "disable", "reset"] | None
     decision: Decision
 
 
@@ -55,6 +55,7 @@ class Bridge:
         self._still_since_ns: int | None = None
         self._last_intervention: tuple[str, ...] = ()
         self._was_armed = False
+        self._resets: int | None = None
         self.state: State = "starting"
         self.cause = ""
         self.epoch = 0
@@ -80,7 +81,15 @@ class Bridge:
         arms = self._arms(heard, measured)
         self._follow(heard, measured, decision, arms, wanted)
         self._count(decision, arms)
-        return Orders(self._setpoint(measured, decision, arms), self._power(heard.now_ns, measured), decision)
+        power = "reset" if self._asked_to_reset(mission) else self._power(heard.now_ns, measured)
+        return Orders(self._setpoint(measured, decision, arms), power, decision)
+
+    def _asked_to_reset(self, mission: Mission | None) -> bool:
+        """Once per request of a person, and never while anything is enabled or wanted."""
+        if mission is None or mission.resets == self._resets:
+            return False
+        known, self._resets = self._resets, mission.resets
+        return known is not None and not mission.armed and self.state in ("disarmed", "stopped", "fault")
 
     def _token(self, mission: Received[Mission] | None) -> ArmToken | None:
         if mission is None:

@@ -72,6 +72,9 @@ class CanBridgeNode(Node):
             self._bus.quick_stop(("arms",))
         elif orders.power == "disable":
             self._bus.disable()
+        elif orders.power == "reset":
+            _log.info("acknowledging drive faults, as a person asked")
+            self._bus.reset_faults()
 
     def _reopen(self, now_ns: int) -> None:
         """The way back after a lost bus: everything is brought up anew, disabled."""

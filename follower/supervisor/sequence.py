@@ -80,6 +80,7 @@ class DockingSequence:
         self._lock_confirmed = False
         self._lock_asked_ns = 0
         self._rearmed = 0
+        self._resets = 0
 
     @property
     def phase(self) -> Phase:
@@ -112,6 +113,7 @@ class DockingSequence:
                 return Answer(request.id, "refused", f"phase {self._phase} is under way")
             self._enter("idle", now_ns)
             self._cause = ""
+            self._resets += 1
             return Answer(request.id, "done", "idle")
         if self._phase != "idle":
             return Answer(request.id, "refused", f"phase is {self._phase}, not idle")
@@ -309,6 +311,7 @@ class DockingSequence:
             desired_features=self._desired(),
             grip="open" if self._phase in ("release", "retract", "done") else "closed",
             push=self._phase in ("push", "lock"),
+            resets=self._resets,
         )
         if self._phase == "approach" and seen.state is not None and seen.state.valid:
             far = seen.state.x_m - goal.x_m > LAST_METRE_M

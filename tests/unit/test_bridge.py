@@ -1,0 +1,96 @@
+"""Arming, stopping and resetting: what the bridge decides around the gate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from common.cia402 import DriveState
+from common.config import Config
+from common.messages import ArmSetpoint, Header, Mission
+from common.node import Received
+from common.timing import NS_PER_MS, NS_PER_S
+from follower.can_bridge.bridge import Bridge, Heard
+from follower.can_bridge.measurement import Measurement
+from tests.unit.test_supervisor import Bench
+
+BOOT = "boot"
+HEALTHY = Measurement(
+    0, 0, (0.0, 0.0), (0.0, 0.0), (0.0,) * 6, (0.0,) * 6, (0.0, 0.0), (0.0, 0.0), 0.2, True, True, True, 25.0,
+    (DriveState.ENABLED,) * 11, True, True, True, (), 0, 0,
+)  # fmt: skip
+
+
+class Rig:
+    """A bridge, and a mission and measurement that stay fresh while time goes on."""
+
+    def __init__(self, config: Config, mission: Mission) -> None:
+        self.bridge = Bridge(config, BOOT)
+        self.mission = mission
+        self.measured = HEALTHY
+        self.now_ns = NS_PER_S
+        self.power: list[str | None] = []
+
+    def run(self, cycles: int = 1) -> str:
+        for _ in range(cycles):
+            self.now_ns += 10 * NS_PER_MS
+            header = Header("x", 1, 1, self.now_ns, BOOT)
+            arms = ArmSetpoint(self.mission.epoch, (0.0,) * 6, (0.0, 0.0), 0.2)
+            heard = Heard(
+                self.now_ns, None, Received(self.mission, header, self.now_ns), Received(arms, header, self.now_ns)
+            )
+            self.measured = replace(self.measured, now_ns=self.now_ns, measured_ns=self.now_ns)
+            self.power.append(self.bridge.step(heard, self.measured).power)
+        return self.bridge.state
+
+
+@pytest.fixture
+def rig(config: Config) -> Rig:
+    bench = Bench(config)
+    rig = Rig(config, bench.step().mission)
+    assert rig.run() == "disarmed"
+    bench.to_approach()
+    assert bench.mission is not None
+    rig.mission = bench.mission
+    assert rig.run(3) == "armed"
+    return rig
+
+
+def test_a_short_fault_is_kept_until_a_new_epoch(rig: Rig) -> None:
+    rig.measured = replace(rig.measured, faults=("left wheel: node 1 is silent",))
+    assert rig.run() == "fault"
+    rig.measured = replace(rig.measured, faults=())
+    assert rig.run(20) == "stopped"
+    assert rig.bridge.cause == "left wheel: node 1 is silent"
+    rig.mission = replace(rig.mission, armed=False)
+    rig.run(2)
+    rig.mission = replace(rig.mission, armed=True, epoch=rig.mission.epoch + 1)
+    assert rig.run(2) == "armed"
+
+
+def test_a_restarted_bridge_refuses_the_epoch_that_it_finds_armed(config: Config, rig: Rig) -> None:
+    fresh = Rig(config, rig.mission)
+    assert fresh.run(50) == "stopped"
+    assert fresh.bridge.cause == "bridge_restarted"
+    assert "enable" not in fresh.power
+
+
+def test_faults_are_acknowledged_once_on_request_and_only_disarmed(rig: Rig) -> None:
+    rig.mission = replace(rig.mission, resets=1)
+    rig.run(3)
+    assert "reset" not in rig.power
+    rig.mission = replace(rig.mission, armed=False)
+    rig.run(3)
+    rig.mission = replace(rig.mission, resets=2)
+    rig.run(5)
+    assert rig.power.count("reset") == 1
+
+
+def test_disarmed_it_disables_after_half_a_second_of_standstill(rig: Rig) -> None:
+    rig.mission = replace(rig.mission, armed=False)
+    rig.power.clear()
+    rig.run(30)
+    assert "disable" not in rig.power
+    rig.run(30)
+    assert rig.power[-1] == "disable"
