@@ -6,19 +6,14 @@ The only place outside experiments and tests that knows the simulated backend by
 from __future__ import annotations
 
 import contextlib
-import ctypes
-import fcntl
 import os
 import queue
 import secrets
-import shutil
 import signal
 import socket
-import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -37,6 +32,14 @@ from sim.stepped import SteppedExecutor
 from sim.world_config import WorldConfig, world_config
 from sim.world_message import WORLD, WorldState
 from station import report
+from station.children import (
+    Children,
+    interruptible,
+    listening_socket,
+    runtime_directory,
+    start_children,
+    stop_children,
+)
 from station.record import DockingRecord, TrueSample
 
 STATION = "station"
@@ -44,11 +47,6 @@ LOGS = "logs"
 READY_TIMEOUT_S = 40.0
 RUN_TIMEOUT_S = 150.0
 _AFTER_DEATH_NS = 1_500 * NS_PER_MS
-_TERMINATE_S = 3.0
-_PR_SET_PDEATHSIG = 1
-_PREFIX = "davpc-sim-"
-_OWNER = "owner.lock"
-_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 Progress = Callable[[DockingRecord], None]
 
 
@@ -126,7 +124,7 @@ def run_stepped(run: Run) -> tuple[DockingRecord, str]:
     ]
     config = load_config(run.config_path, overrides)
     clock = SteppedClock()
-    with _runtime_directory() as runtime, _interruptible() as interrupted:
+    with runtime_directory() as runtime, interruptible() as interrupted:
         record = DockingRecord(config, runtime)
         nodes = [
             entry.factory()(NodeContext(config, run.config_path, runtime, number, clock))
@@ -149,14 +147,29 @@ def run_stepped(run: Run) -> tuple[DockingRecord, str]:
 
 def run_processes(run: Run) -> tuple[DockingRecord, str]:
     """One docking with every process of the table; the record and what ended it early, if anything."""
-    with _runtime_directory() as runtime, _listening_socket() as server, _interruptible() as interrupted:
-        children: dict[str, subprocess.Popen[bytes]] = {}
+    with runtime_directory() as runtime, listening_socket() as server, interruptible() as interrupted:
+        children: Children = {}
         try:
-            _start_children(run, runtime, server, children)
+            start_children(
+                children,
+                run.config_path,
+                _with_server(run.overrides, server),
+                runtime,
+                run.out / LOGS,
+                server.fileno(),
+            )
             with Bus(STATION, runtime, earlier_processes(STATION)) as bus:
                 return _Session(run, runtime, bus, children, interrupted).dock()
         finally:
             stop_children(children)
+
+
+def _with_server(overrides: Sequence[str], server: socket.socket) -> list[str]:
+    """The overrides that bring both buses to the CAN server on this socket."""
+    host, port = server.getsockname()
+    buses = [f'{bus}.bus.host="{host}"' for bus in ("follower_can", "leader_can")]
+    buses += [f"{bus}.bus.port={port}" for bus in ("follower_can", "leader_can")]
+    return [*overrides, *buses, f"world.can_server_fd={server.fileno()}"]
 
 
 class _Session:
@@ -167,7 +180,7 @@ class _Session:
         run: Run,
         runtime: Path,
         bus: Bus,
-        children: dict[str, subprocess.Popen[bytes]],
+        children: Children,
         interrupted: Callable[[], bool],
     ) -> None:
         self._run, self._bus, self._children, self._interrupted = run, bus, children, interrupted
@@ -270,92 +283,3 @@ class _Session:
             self._record.take_truth(true_sample(message))
         else:
             self._record.take(channel, message, header.stamp_ns)
-
-
-def _start_children(
-    run: Run, runtime: Path, server: socket.socket, children: dict[str, subprocess.Popen[bytes]]
-) -> None:
-    """Start every process of the table and enter it into ``children`` at once, so that it can be stopped."""
-    host, port = server.getsockname()
-    overrides = [*run.overrides, f"world.can_server_fd={server.fileno()}"]
-    for bus in ("follower_can", "leader_can"):
-        overrides += [f'{bus}.bus.host="{host}"', f"{bus}.bus.port={port}"]
-    for process in PROCESSES:
-        command = [sys.executable, "-m", "station.cli", "run", process.name]
-        command += ["--config", str(run.config_path.resolve()), "--runtime", str(runtime)]
-        for override in overrides:
-            command += ["--set", override]
-        with (run.out / LOGS / f"{process.name}.log").open("wb") as log:
-            children[process.name] = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
-                pass_fds=(server.fileno(),),
-                env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-                preexec_fn=_die_with_parent,
-            )
-
-
-def stop_children(children: dict[str, subprocess.Popen[bytes]]) -> None:
-    """SIGTERM to both robots, so that their drives stop in order, then to the world; SIGKILL to what is left."""
-    robots = [child for name, child in children.items() if name != WORLD.publisher]
-    world = [child for name, child in children.items() if name == WORLD.publisher]
-    for group in (robots, world):
-        for child in group:
-            if child.poll() is None:
-                child.send_signal(signal.SIGTERM)
-        deadline = time.monotonic() + _TERMINATE_S
-        for child in group:
-            try:
-                child.wait(timeout=max(0.05, deadline - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                child.kill()
-                child.wait()
-
-
-def _die_with_parent() -> None:
-    """In the child: end it if the launcher is killed."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-
-
-@contextlib.contextmanager
-def _runtime_directory() -> Iterator[Path]:
-    """A private directory for sockets and frames, in memory where there is any; gone at the end."""
-    parent = next((path for path in ("/dev/shm", "/run/shm") if os.access(path, os.W_OK)), None)
-    _remove_orphans(Path(parent or tempfile.gettempdir()))
-    path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=parent))
-    with (path / _OWNER).open("w") as owner:
-        fcntl.flock(owner, fcntl.LOCK_EX)
-        try:
-            yield path
-        finally:
-            shutil.rmtree(path, ignore_errors=True)
-
-
-def _remove_orphans(parent: Path) -> None:
-    """Directories of launchers that were killed before they could clean up."""
-    for path in parent.glob(f"{_PREFIX}*/{_OWNER}"):
-        with contextlib.suppress(OSError), path.open("r") as owner:
-            fcntl.flock(owner, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            shutil.rmtree(path.parent, ignore_errors=True)
-
-
-@contextlib.contextmanager
-def _listening_socket() -> Iterator[socket.socket]:
-    """The CAN server's socket: bound here, so that its port is known and nobody else's."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        yield server
-
-
-@contextlib.contextmanager
-def _interruptible() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C, SIGTERM and a closed terminal set a flag, so that everything is taken down in order."""
-    seen: list[int] = []
-    before = {number: signal.signal(number, lambda n, _: seen.append(n)) for number in _STOP_SIGNALS}
-    try:
-        yield lambda: bool(seen)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
