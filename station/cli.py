@@ -56,7 +56,11 @@ def sim(
     """Dock one trolley with both robots, simulated. `davpc sim`"""
     from rich.console import Console
 
-    from station import figures, launcher, report
+    try:
+        from station import figures
+    except ModuleNotFoundError as error:
+        raise ConfigError(f"davpc sim draws pictures with {error.name}: pip install 'davpc[plot]'") from error
+    from station import launcher, report
     from station.progress import live_progress
 
     console = Console(force_terminal=False if headless else None, highlight=False)
