@@ -10,9 +10,11 @@ from common.config import Config
 from common.geometry import Pose2
 from experiments.feature_world import Disturbances
 from experiments.pilots import PilotFactory
+from experiments.pixel_pilots import PixelPilotFactory
+from experiments.pixel_world import PixelWorld
 from experiments.results import row
-from experiments.scenes import method_config
-from experiments.trial import Outcome, fly, goal_task, summarise
+from experiments.scenes import Level, method_config, pixel_config
+from experiments.trial import Outcome, fly, fly_in, goal_task, summarise
 
 Job = tuple["Case", int]
 
@@ -21,7 +23,7 @@ Job = tuple["Case", int]
 class Case:
     """A method in one setting; the configuration as JSON, by which a process knows the solver it has built.
 
-    ``label`` is the method's name in the results.
+    ``label`` is the method's name in the results; ``array`` counts at feature level only.
     """
 
     method: str
@@ -32,21 +34,28 @@ class Case:
     starts: tuple[Pose2, ...]
     disturbances: Disturbances
     seed: int
+    level: Level = "features"
 
 
 def make_case(
     config: Config, method: str, name: str, starts: list[Pose2], disturbances: Disturbances, seed: int,
-    array: str = "vertical", label: str = "",
+    array: str = "vertical", label: str = "", level: Level = "features",
 ) -> Case:  # fmt: skip
     """A case; its runs are numbered by their starts."""
-    return Case(method, label or method, name, config.model_dump_json(), array, tuple(starts), disturbances, seed)
+    text = config.model_dump_json()
+    return Case(method, label or method, name, text, array, tuple(starts), disturbances, seed, level)
 
 
 def fly_job(job: Job) -> Outcome:
     """Fly run ``i`` of a case; its noise depends on the seed and ``i`` alone, so methods meet the same noise."""
     case, i = job
+    seed = [case.seed, i]
+    if case.level == "pixels":
+        pixels = _pixel_factory(case.config_text, case.method)
+        world = PixelWorld(pixels.task.config, case.starts[i], seed, case.disturbances)
+        return fly_in(world, pixels.task, pixels.make())
     factory = _factory(case.config_text, case.method, case.array)
-    return fly(factory.task, factory.make(), case.starts[i], [case.seed, i], case.disturbances)
+    return fly(factory.task, factory.make(), case.starts[i], seed, case.disturbances)
 
 
 def metrics_job(job: Job) -> dict[str, float]:
@@ -73,3 +82,9 @@ def table(cases: list[Case], metrics: list[dict[str, float]]) -> list[dict[str, 
 def _factory(config_text: str, method: str, array: str) -> PilotFactory:
     config = Config.model_validate_json(config_text)
     return PilotFactory(method, goal_task(method_config(config, method, array)))
+
+
+@cache
+def _pixel_factory(config_text: str, method: str) -> PixelPilotFactory:
+    config = Config.model_validate_json(config_text)
+    return PixelPilotFactory(method, goal_task(pixel_config(config, method)))

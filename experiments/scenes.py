@@ -1,16 +1,20 @@
-"""Starts, disturbances and noise of the paper's tables, at feature level."""
+"""Starts, disturbances and noise of the paper's tables, and the configuration each level is measured with."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 
-from common.config import BaseConfig, Config
+from common.config import BaseConfig, Config, ControllerConfig
 from common.geometry import Pose2, pose_from_paper_start
 from experiments.feature_world import Disturbances, Pads, inside_image, project
+from sim.scenes import CLEAN
+from sim.world_config import world_config
 
+Level = Literal["features", "pixels"]
 NOISE_PX = 3.0
 NOISE_THETA_RAD = math.pi / 60
 DURATION_S = 30.0
@@ -81,14 +85,37 @@ def method_config(config: Config, method: str, array: str = "vertical") -> Confi
     ``vertical`` puts the LEDs into the plane X = 0 of {L}, as the paper does; ``tilted`` leaves them as configured.
     The paper's methods get the weights that give its figures on raw measurements.
     """
-    leds, controller = config.leds, config.controller
+    leds = config.leds
     if array == "vertical":
         leds = leds.model_copy(update={"positions_m": tuple((0.0, y, z) for _, y, z in leds.positions_m)})
         leds = type(leds).model_validate(leds.model_dump())
-    controller = controller.model_copy(update={"solver": "gauss_newton" if method == "davpc" else "fatrop"})
-    if method in ("paper", "vpc"):
-        controller = controller.model_copy(update=PAPER_TUNING)
-    return config.model_copy(update={"leds": leds, "controller": controller, "base": _prompt(config)})
+    return config.model_copy(
+        update={"leds": leds, "controller": _controller(config, method), "base": _prompt(config)}
+    )
+
+
+def pixel_config(config: Config, method: str) -> Config:
+    """The configuration a method is measured with at pixel level: array, camera and latency as configured."""
+    return config.model_copy(update={"controller": _controller(config, method)})
+
+
+def _controller(config: Config, method: str) -> ControllerConfig:
+    own = method == "davpc"
+    solver = {"method": "davpc" if own else "paper", "solver": "gauss_newton" if own else "fatrop"}
+    return config.controller.model_copy(update=solver | (PAPER_TUNING if method in ("paper", "vpc") else {}))
+
+
+def level_settings(config: Config, level: Level, cases: tuple[str, ...]) -> dict[str, Any]:
+    """What ``settings`` of an experiment say of its level: the cases' names there, and the level's own numbers."""
+    if level == "features":
+        return {"level": level, "cases": list(cases), "noise_px": NOISE_PX, "noise_theta_rad": NOISE_THETA_RAD}
+    return {
+        "level": level,
+        "cases": [f"{case}_pixels" for case in cases],
+        "scene": CLEAN.name,
+        "latency_ms": config.base.latency_ms,
+        "wheel_lag_s": world_config(config, "pixel level").wheel_lag_s,
+    }
 
 
 def _prompt(config: Config) -> BaseConfig:

@@ -16,17 +16,19 @@ from experiments.runs import Case, Job, all_jobs, fly_job, make_case, metrics_jo
 from experiments.scenes import (
     DISTURBANCES,
     DURATION_S,
-    NOISE_PX,
-    NOISE_THETA_RAD,
     PAPER_TABLE,
     PAPER_TUNING,
     START_RANGES,
+    Level,
+    level_settings,
     method_config,
+    pixel_config,
     random_starts,
 )
 from experiments.trial import goal_task
 
 CASES = ("T", "W", "T_tilted")
+PIXEL_CASES = ("T", "W")
 BOUND_RUNS = 10
 
 
@@ -37,7 +39,8 @@ def run(
     config: Config,
     trials: int = 100,
     methods: tuple[str, ...] = ("ibvs", "ke", "pose_based", "paper", "davpc"),
-    cases: tuple[str, ...] = CASES,
+    cases: tuple[str, ...] | None = None,
+    pixels: bool = False,
 ) -> dict[str, Any]:
     """Fly every method from the same random starts under the same noise; write ``results.json`` and ``table.md``.
 
@@ -46,27 +49,34 @@ def run(
         seed: of starts and noise.
         jobs: processes.
         trials: starts for each case.
-        cases: ``T`` the paper's range, ``W`` a wider one, ``T_tilted`` the runtime's array.
+        cases: ``T`` the paper's range, ``W`` a wider one, ``T_tilted`` the runtime's array; None: all of the level.
+        pixels: render every frame and run the whole perception, with the array as configured in every case. The
+            bound, which is that of the feature level's noise, is left out.
 
     Raises:
         ValueError: an unknown method or case.
     """
-    unknown = [case for case in cases if case not in CASES]
+    known = PIXEL_CASES if pixels else CASES
+    cases = known if cases is None else cases
+    unknown = [case for case in cases if case not in known]
     if unknown:
-        raise ValueError(f"case {unknown[0]!r} is none of {', '.join(CASES)}")
-    todo = [_case(config, method, name, trials, seed) for name in cases for method in methods]
+        raise ValueError(f"case {unknown[0]!r} is none of {', '.join(known)}")
+    level: Level = "pixels" if pixels else "features"
+    todo = [_case(config, method, name, trials, seed, level) for name in cases for method in methods]
     metrics = run_all(metrics_job, all_jobs(todo), jobs, "table1")
     rows = table(todo, metrics)
-    if "davpc" in methods:
+    if "davpc" in methods and not pixels:
         rows += _bound_rows([_case(config, "davpc", name, min(trials, BOUND_RUNS), seed) for name in cases], jobs)
-    return write_results(out, "table1", seed, _settings(trials, methods), rows, list(PAPER_TABLE))
+    settings = _settings(trials, methods) | level_settings(config, level, cases)
+    return write_results(out, "table1", seed, settings, rows, list(PAPER_TABLE))
 
 
-def _case(config: Config, method: str, name: str, trials: int, seed: int) -> Case:
+def _case(config: Config, method: str, name: str, trials: int, seed: int, level: Level = "features") -> Case:
     array = "tilted" if name.endswith("tilted") else "vertical"
     flown = "vpc" if method == "paper" else method  # the paper's simulation has its nominal controller
-    starts = random_starts(method_config(config, method, array), name, trials, seed)
-    return make_case(config, flown, name, starts, DISTURBANCES["none"], seed, array, method)
+    seen = pixel_config(config, method) if level == "pixels" else method_config(config, method, array)
+    starts = random_starts(seen, name, trials, seed)
+    return make_case(config, flown, name, starts, DISTURBANCES["none"], seed, array, method, level)
 
 
 def bound_job(job: Job) -> dict[str, float]:
@@ -93,8 +103,6 @@ def _settings(trials: int, methods: tuple[str, ...]) -> dict[str, Any]:
     return {
         "trials": trials,
         "methods": list(methods),
-        "noise_px": NOISE_PX,
-        "noise_theta_rad": NOISE_THETA_RAD,
         "duration_s": DURATION_S,
         "starts": {name: asdict(limits) for name, limits in START_RANGES.items()},
         "paper": "the nominal controller on raw measurements, as in the paper's simulation",

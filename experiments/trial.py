@@ -1,16 +1,17 @@
-"""One run of a method in the feature-level world, and the paper's metrics of it."""
+"""One run of a method in a world of either level, and the paper's metrics of it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
 from common.config import Config
 from common.geometry import Array, Pose2, features_at
 from common.timing import NS_PER_S
-from experiments.feature_world import Disturbances, FeatureWorld, project
+from experiments.feature_world import Disturbances, FeatureWorld, Measurement, project
 from experiments.pilots import Pilot, Task
 from experiments.scenes import (
     DURATION_S,
@@ -20,6 +21,33 @@ from experiments.scenes import (
     NOISE_THETA_RAD,
     OVER_BOUND_M,
 )
+
+
+class World(Protocol):
+    """What a run needs of a world: at feature level, or at pixel level."""
+
+    command: tuple[float, float]
+
+    @property
+    def pose(self) -> Pose2:
+        """{F} in {L}."""
+
+    @property
+    def wheels(self) -> tuple[float, float]:
+        """Twist that the encoders tell."""
+
+    def measure(self, time_ns: int) -> Measurement:
+        """The frame taken now."""
+
+    def advance(self, duration_s: float) -> None:
+        """Drive on."""
+
+    def true_pixels(self) -> Array:
+        """Projections (n, 2) without noise."""
+
+    def in_view(self) -> Array:
+        """(n,) whether each projection lies in the image."""
+
 
 METRICS = ("e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px", "m_v", "m_w", "lost", "over_bound", "settle_s")
 
@@ -56,8 +84,13 @@ def fly(
     disturbances: Disturbances,
     duration_s: float = DURATION_S,
 ) -> Outcome:
-    """Run for a while: a frame at 60 Hz, a command from every third."""
+    """Run at feature level for a while."""
     world = FeatureWorld(task.config, start, seed, disturbances, NOISE_PX, NOISE_THETA_RAD)
+    return fly_in(world, task, pilot, duration_s)
+
+
+def fly_in(world: World, task: Task, pilot: Pilot, duration_s: float = DURATION_S) -> Outcome:
+    """Run for a while: a frame at 60 Hz, a command from every third."""
     trace, applied, lost = Trace(), (0.0, 0.0), False
     settled_since = math.nan
     for frame in range(round(duration_s * FRAME_RATE_HZ)):
@@ -74,7 +107,7 @@ def fly(
     return Outcome(_metrics(task, world, trace, lost, settled_since), trace)
 
 
-def _note(trace: Trace, time_s: float, world: FeatureWorld, pilot: Pilot, applied: tuple[float, float]) -> None:
+def _note(trace: Trace, time_s: float, world: World, pilot: Pilot, applied: tuple[float, float]) -> None:
     trace.time_s.append(time_s)
     trace.pose.append((world.pose.x_m, world.pose.y_m, world.pose.theta_rad))
     trace.command.append(applied)
@@ -83,7 +116,7 @@ def _note(trace: Trace, time_s: float, world: FeatureWorld, pilot: Pilot, applie
     trace.compensation.append(pilot.insight.compensation)
 
 
-def _settled(task: Task, world: FeatureWorld) -> bool:
+def _settled(task: Task, world: World) -> bool:
     """The supervisor's arrival test, on the truth."""
     docking = task.config.docking
     relative = world.pose.inverse()
@@ -96,7 +129,7 @@ def _settled(task: Task, world: FeatureWorld) -> bool:
     return bool(np.abs(error).max() <= docking.feature_tolerance)
 
 
-def _metrics(task: Task, world: FeatureWorld, trace: Trace, lost: bool, settled_since: float) -> dict[str, float]:
+def _metrics(task: Task, world: World, trace: Trace, lost: bool, settled_since: float) -> dict[str, float]:
     """At the end of the run: the paper's six columns and this project's."""
     goal = task.goal.inverse()
     e_x, e_y = abs(world.pose.x_m - goal.x_m), abs(world.pose.y_m - goal.y_m)

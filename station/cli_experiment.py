@@ -16,6 +16,9 @@ bench = typer.Typer(no_args_is_help=True, help="Measure side by side what things
 METHODS = ("ibvs", "ke", "pose_based", "paper", "davpc")
 MethodsOption = Annotated[str, typer.Option(help="comma-separated; all when empty")]
 CasesOption = Annotated[str, typer.Option(help="comma-separated; all when empty")]
+PixelsOption = Annotated[
+    bool, typer.Option("--pixels", help="render every frame and run the whole perception; some 10 s a run")
+]
 CORES = os.cpu_count() or 1
 
 
@@ -24,6 +27,7 @@ def table1(
     trials: Annotated[int, typer.Option(min=1)] = 100,
     methods: MethodsOption = "",
     cases: CasesOption = "",
+    pixels: PixelsOption = False,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
     out: Path = Path("out/table1"),
@@ -33,8 +37,9 @@ def table1(
     """The paper's Table I: every method from the same starts, under the same noise."""
     from experiments import table1 as module
 
-    chosen = names(methods, METHODS, "method"), names(cases, module.CASES, "case")
-    module.run(out, seed, jobs, loaded(config, overrides), trials, *chosen)
+    known = module.PIXEL_CASES if pixels else module.CASES
+    chosen = names(methods, METHODS, "method"), names(cases, known, "case")
+    module.run(out, seed, jobs, loaded(config, overrides), trials, *chosen, pixels=pixels)
     _show(out)
 
 
@@ -58,6 +63,7 @@ def disturbance(
     trials: Annotated[int, typer.Option(min=1)] = 16,
     methods: MethodsOption = "",
     cases: CasesOption = "",
+    pixels: PixelsOption = False,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
     out: Path = Path("out/disturbance"),
@@ -69,7 +75,7 @@ def disturbance(
     from experiments.scenes import DISTURBANCES
 
     chosen = names(methods, module.METHODS, "method"), names(cases, tuple(DISTURBANCES), "case")
-    module.run(out, seed, jobs, loaded(config, overrides), trials, *chosen)
+    module.run(out, seed, jobs, loaded(config, overrides), trials, *chosen, pixels=pixels)
     _show(out)
 
 
