@@ -84,4 +84,5 @@ def _uncapped(task: Task) -> Mission:
         desired_features=tuple((float(a), float(b)) for a, b in task.desired),
         grip="closed",
         push=False,
+        resets=0,
     )
