@@ -98,7 +98,8 @@ class ContactBench:
 
     def cycle(self, speed_m_s: float, push: bool, grip: Literal["open", "closed"] = "closed") -> Sample:
         """10 ms: what was measured one cycle ago goes to the arms, what they answered then to the motors."""
-        self._mission = replace(self._mission, push=push, grip=grip)
+        if (push, grip) != (self._mission.push, self._mission.grip):
+            self._mission = replace(self._mission, push=push, grip=grip)
         limit = self._config.limits.gate_acceleration_m_s2 * CYCLE_NS / 1e9
         self._told_m_s += min(limit, max(-limit, speed_m_s - self._told_m_s))
         self._obey()

@@ -253,10 +253,10 @@ class SimulatedArms:
         self._lift_m += min(step, max(-step, wanted - self._lift_m))
 
     def _report(self, torques: tuple[float, ...], grip_torques: tuple[float, ...]) -> None:
-        noise = self._world.torque_noise_n_m
+        noise, gauss = self._world.torque_noise_n_m, self._random.gauss
         for i, motor in enumerate(self._joints):
             limb, joint = self._limbs[i // 3], i % 3
-            felt = torques[i] + self._random.gauss(0.0, noise) if motor.enabled else 0.0
+            felt = torques[i] + gauss(0.0, noise) if motor.enabled else 0.0
             motor.set_measured(limb.angles[joint], limb.speeds[joint], felt)
         for motor, gripper, torque in zip(self._gripper_motors, self.grippers, grip_torques, strict=True):
             motor.set_measured(gripper.angle_rad, 0.0, torque)

@@ -64,12 +64,12 @@ class Contact:
     @property
     def beam_x_m(self) -> float:
         """The front beam along {L}."""
-        return self._ahead(self.world.handle_to_beam_m).x_m
+        return self._x_ahead(self.world.handle_to_beam_m)
 
     @property
     def beam_y_m(self) -> float:
         """The front beam's lateral place in {L}."""
-        return self._ahead(self.world.handle_to_beam_m).y_m
+        return self.handle.y_m + self.world.handle_to_beam_m * math.sin(self.handle.theta_rad)
 
     def handle_velocity(self) -> tuple[float, float, float]:
         """Velocity of the handle in {L}: m/s, m/s, rad/s."""
@@ -124,7 +124,7 @@ class Contact:
         load = self.world.trolley_mass_kg * GRAVITY_M_S2 / len(_AXLES_BEFORE_BEAM_M)
         total = 0.0
         for offset in _AXLES_BEFORE_BEAM_M:
-            wheel_x = self._ahead(self.world.handle_to_beam_m - offset).x_m
+            wheel_x = self._x_ahead(self.world.handle_to_beam_m - offset)
             total += load * sum(pad.resistance(wheel_x) for pad in self.pads)
         return total if self.velocity[0] > 0.0 else min(total, 0.0)
 
@@ -149,5 +149,6 @@ class Contact:
             self.seated = True
         self.lifted = not self.seated and self.beam_x_m > begin + 0.02
 
-    def _ahead(self, distance_m: float) -> Pose2:
-        return self.handle.compose(Pose2(distance_m, 0.0, 0.0))
+    def _x_ahead(self, distance_m: float) -> float:
+        """Place along {L} of a point of the trolley ahead of its handle."""
+        return self.handle.x_m + distance_m * math.cos(self.handle.theta_rad)

@@ -26,7 +26,7 @@ class Grasp:
 
 
 class GraspSequence:
-    """Steps with each measurement, from :meth:`restart` on: ``hold`` with a handle in the grippers, ``retract`` when open.
+    """Steps with each measurement, from :meth:`restart` on.
 
     Closing: ``reach`` to the handle's place and height, ``close``, ``hold``. Opening: ``relax`` the force first, so
     that nothing springs away, ``open``, ``retract``.

@@ -66,11 +66,18 @@ class PostureSense:
 
 
 def handle_force(posture: Posture, torques_n_m: tuple[float, ...]) -> Array:
-    """Force [N] (x, y in {F}) on the handle from all six joint torques: Σ J⁻ᵀ τ, without the wrists' moments."""
+    """Force [N] (x, y in {F}) on the handle from all six joint torques: Σ J⁻ᵀ τ, without the wrists' moments.
+
+    A gripper's moment acts on all three joints alike, so that the differences of their torques hold the force.
+    """
     total = np.zeros(2)
-    for jacobian, torque in zip(posture.jacobians, _halves(torques_n_m), strict=True):
-        if abs(np.linalg.det(jacobian)) > _SINGULAR:
-            total += np.linalg.solve(jacobian.T, np.array(torque))[:2]
+    for jacobian, (first, second, third) in zip(posture.jacobians, _halves(torques_n_m), strict=True):
+        (x1, x2, x3), (y1, y2, y3), _ = jacobian.tolist()
+        determinant = (x1 - x3) * (y2 - y3) - (x2 - x3) * (y1 - y3)
+        if abs(determinant) > _SINGULAR:
+            upper, lower = first - third, second - third
+            total[0] += (upper * (y2 - y3) - lower * (y1 - y3)) / determinant
+            total[1] += ((x1 - x3) * lower - (x2 - x3) * upper) / determinant
     return total
 
 

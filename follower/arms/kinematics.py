@@ -45,12 +45,13 @@ class ScaraArm:
 
     def jacobian(self, angles_rad: Angles) -> Array:
         """∂(x, y, φ) of the gripper by the joint angles, (3, 3)."""
-        first, second, third = np.cumsum(angles_rad)
+        first, second, third = angles_rad[0], angles_rad[0] + angles_rad[1], sum(angles_rad)
         (l1, l2, l3) = self.link_m
-        along = np.array([l1 * math.cos(first), l2 * math.cos(second), l3 * math.cos(third)])
-        across = np.array([l1 * math.sin(first), l2 * math.sin(second), l3 * math.sin(third)])
         # joint i turns everything from link i on
-        return np.stack([-np.cumsum(across[::-1])[::-1], np.cumsum(along[::-1])[::-1], np.ones(3)])
+        x3, y3 = l3 * math.cos(third), l3 * math.sin(third)
+        x2, y2 = x3 + l2 * math.cos(second), y3 + l2 * math.sin(second)
+        x1, y1 = x2 + l1 * math.cos(first), y2 + l1 * math.sin(first)
+        return np.array([[-y1, -y2, -y3], [x1, x2, x3], [1.0, 1.0, 1.0]])
 
     def inverse(self, gripper: Pose2) -> tuple[Angles, Angles]:
         """Joint angles for a gripper pose in {F}, elbow to the left (joint 2 < 0) first; limits not yet checked.
