@@ -41,7 +41,9 @@ class ContactSense:
     """Contact is a lasting change of the handle's force, connection a greater force: the paper's torque variation.
 
     The change counts from the resistance that was learned while the trolley rolled; speeding up a trolley of
-    ``inertia_allowance_kg`` is none. ``force_n`` and ``resistance_n`` are along the chassis.
+    ``inertia_allowance_kg`` is none. By torque alone the edge of a pad, climbed slowly, feels like the guide: the
+    paper adds the visual error, so contact is told only where it is expected. ``force_n``, ``resistance_n`` are
+    along the chassis.
     """
 
     def __init__(self, config: ArmsConfig) -> None:
@@ -61,14 +63,24 @@ class ContactSense:
         """Whether it resists rigidly."""
         return self._connected.on
 
-    def step(self, force_n: float, acceleration_m_s2: float, rolling: bool, dt_s: float) -> None:
-        """Take one sample; ``rolling``: driving ahead with nothing to be met, so that resistance may be learned."""
+    def step(
+        self, force_n: float, acceleration_m_s2: float, dt_s: float, *, rolling: bool = False, expected: bool = False
+    ) -> None:
+        """Take one sample.
+
+        Args:
+            force_n: along the chassis, unfiltered.
+            acceleration_m_s2: of the base.
+            dt_s: since the last sample.
+            rolling: driving ahead with nothing to be met, so that resistance may be learned.
+            expected: the visual error has settled at the goal, and the trolley is pushed on.
+        """
         config = self._config
         self.force_n += min(1.0, dt_s / _FORCE_FILTER_S) * (force_n - self.force_n)
         allowed_n = config.contact_force_n + config.inertia_allowance_kg * abs(acceleration_m_s2)
-        self._contact.step(self.force_n - self.resistance_n, allowed_n, dt_s)
+        self._contact.step(self.force_n - self.resistance_n if expected else 0.0, allowed_n, dt_s)
         self._connected.step(self.force_n, config.connected_force_n, dt_s)
-        if rolling and not self.contact:
+        if rolling and not expected:
             learned = self.resistance_n + min(1.0, dt_s / _RESISTANCE_FILTER_S) * (self.force_n - self.resistance_n)
             self.resistance_n = min(config.pushing_force_n, max(0.0, learned))
 

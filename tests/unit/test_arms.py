@@ -227,9 +227,11 @@ def test_references_glide(config: Config) -> None:
 # --- contact, slip, collision
 
 
-def feel_for(sense: ContactSense, force_n: float, seconds: float, acceleration: float = 0.0) -> ContactSense:
+def feel_for(
+    sense: ContactSense, force_n: float, seconds: float, acceleration: float = 0.0, expected: bool = True
+) -> ContactSense:
     for _ in range(round(seconds / DT_S)):
-        sense.step(force_n, acceleration, rolling=False, dt_s=DT_S)
+        sense.step(force_n, acceleration, DT_S, expected=expected)
     return sense
 
 
@@ -252,10 +254,17 @@ def test_a_rigid_connection_takes_more_than_the_guide(config: Config) -> None:
     assert not feel_for(sense, 30.0, 0.4).connected
 
 
+def test_contact_needs_the_visual_error_too_connection_does_not(config: Config) -> None:
+    sense = ContactSense(config.arms)
+    assert not feel_for(sense, 60.0, 2.0, expected=False).contact
+    assert feel_for(sense, 60.0, 0.5).contact
+    assert feel_for(ContactSense(config.arms), 100.0, 0.5, expected=False).connected
+
+
 def test_contact_counts_from_the_learned_resistance_and_allows_for_inertia(config: Config) -> None:
     threshold, sense = config.arms.contact_force_n, ContactSense(config.arms)
     for _ in range(500):
-        sense.step(12.0, 0.0, rolling=True, dt_s=DT_S)
+        sense.step(12.0, 0.0, DT_S, rolling=True)
     assert sense.resistance_n == pytest.approx(12.0, abs=0.2)
     assert not feel_for(sense, threshold + 8.0, 1.0).contact
     assert feel_for(sense, threshold + 15.0, 1.0).contact
@@ -265,7 +274,7 @@ def test_contact_counts_from_the_learned_resistance_and_allows_for_inertia(confi
 def test_a_resistance_that_is_learned_stays_bounded(config: Config) -> None:
     sense = ContactSense(config.arms)
     for force in [200.0] * 5 + [20.0] * 300 + [-50.0] * 300:
-        sense.step(force, 0.0, rolling=True, dt_s=DT_S)
+        sense.step(force, 0.0, DT_S, rolling=True)
         assert 0.0 <= sense.resistance_n <= config.arms.pushing_force_n
 
 

@@ -203,7 +203,7 @@ def test_driving_into_a_wall_is_a_collision_and_the_arms_yield(
 ) -> None:
     beside = 2 * config.docking.lateral_bound_first_m
     bench = ContactBench(config, world, -0.8, lateral_m=beside)
-    samples = run_for(bench, 4.0, lambda _: 0.0 if bench.contact.beam_x_m > -0.101 else speed)
+    samples = run_for(bench, 6.0, lambda _: 0.0 if bench.contact.beam_x_m > -0.101 else speed)
     hit = next(i for i, sample in enumerate(samples) if sample.beam_x_m >= -0.1)
     told = next(i for i, sample in enumerate(samples) if sample.state.cause == "collision")
     assert 0 <= told - hit <= 20
