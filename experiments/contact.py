@@ -168,11 +168,12 @@ def _config(text: str) -> Config:
 
 def _world(config: Config, job: Job, random: np.random.Generator) -> WorldConfig:
     """The plant with this run's load and friction."""
+    load_kg = float(random.uniform(*LOAD_KG))
     drawn = {
         "seed": job.seed + job.number,
-        "trolley_mass_kg": float(random.uniform(*LOAD_KG)),
+        "trolley_mass_kg": load_kg,
         "rolling_resistance": float(random.uniform(0.012, 0.03)),
-        "load_gain": float(random.uniform(-0.15, 0.0)),
+        "load_gain_per_kg": float(random.uniform(-0.15, 0.0)) / load_kg,
         "joint_friction_n_m": float(random.uniform(0.15, 0.5)),
         "joint_torque_error": float(random.uniform(-0.04, 0.04)),
         "link_error": float(random.uniform(-0.004, 0.004)),

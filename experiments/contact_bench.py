@@ -125,7 +125,7 @@ class ContactBench:
 
     def _step(self) -> None:
         dt_s, world, contact = PLANT_STEP_S, self._world, self.contact
-        gain = 1.0 + world.load_gain
+        gain = 1.0 + world.load_gain_per_kg * world.trolley_mass_kg
         self._speed_m_s += dt_s / world.wheel_lag_s * (gain * self._told_m_s - self._speed_m_s)
         self._robot_x_m += self._speed_m_s * dt_s
         handle = contact.handle
@@ -177,10 +177,9 @@ def resting_mission(config: Config) -> Mission:
         straight_speed_m_s=0.0,
         v_max_m_s=0.5,
         w_max_rad_s=0.0,
-        goal_x_m=goal.x_m,
-        goal_y_m=goal.y_m,
         goal_theta_rad=goal.theta_rad,
         desired_features=tuple((float(a), float(b)) for a, b in features),
         grip="closed",
         push=False,
+        resets=0,
     )
