@@ -56,6 +56,7 @@ StateCause = Literal[
     "coasting",
     "behind_camera",
 ]
+ArmCause = Literal["ok", "slip", "collision"]
 GuideState = Literal["down", "lifted", "seated"]
 LockState = Literal["open", "closing", "locked", "opening", "fault"]
 Outcome = Literal["done", "accepted", "refused", "expired"]
@@ -220,14 +221,20 @@ class ArmSetpoint:
 
 @dataclass(frozen=True, config=STRICT)
 class ArmState:
-    """What the arms feel: force along the handle, contact ahead, a rigid connection, what the grippers hold."""
+    """What the arms feel: force along the handle, contact ahead, a rigid connection, what the grippers hold.
 
-    SCHEMA: ClassVar[str] = "arm_state/1"
+    ``cause`` is what happened since the epoch began, for the supervisor to stop by: the trolley slipped from a
+    gripper, or a torque spiked. ``resistance_n`` is what the trolley resisted with before there was contact.
+    """
+
+    SCHEMA: ClassVar[str] = "arm_state/2"
     handle_force_n: Annotated[float, Field(ge=-5000, le=5000)]
     contact: bool
     connected: bool
     gripped: bool
     released: bool
+    cause: ArmCause = "ok"
+    resistance_n: Annotated[float, Field(ge=-5000, le=5000)] = 0.0
 
 
 @dataclass(frozen=True, config=STRICT)

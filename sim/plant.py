@@ -2,7 +2,7 @@
 
 A model of its own, not the controller's: wheels follow their drives with a lag and, with a trolley in the
 grippers, short of what was told; the pose is integrated in 2 ms steps. Not modelled: slip,
-drift, tilting, and the arms' motion: they hold one posture.
+drift, and that the arms' forces turn the base.
 """
 
 from __future__ import annotations
@@ -12,17 +12,12 @@ import math
 from common.config import Config
 from common.geometry import Pose2, wrap_angle
 from common.timing import NS_PER_S
+from sim.arm import SimulatedArms
 from sim.can_nodes import FollowerBus, LeaderBus
 from sim.contact import Contact
 from sim.world_config import WorldConfig
 
 STEP_NS = 2_000_000
-# how the handle's force shows up in an arm's three joints, shoulder first, in its holding posture
-_JOINT_SHARES = (1.0, 0.6, 0.2)
-_GRIP_CLOSED_RAD, _GRIP_OPEN_RAD = 0.0, 1.2
-_GRIP_SPEED_RAD_S = 2.0
-_GRIP_FREE_TORQUE_N_M = 0.1
-_LIFT_SPEED_M_S = 0.05
 _LED_TIME_CONSTANT_S = 0.01
 _BLOCKED_TRAVEL = 0.5
 _TRAVEL_CURRENT_A, _JAM_CURRENT_A = 1.2, 6.0
@@ -39,13 +34,10 @@ class Plant:
         self.pitch_rad = self.roll_rad = 0.0
         self._wheel_speed = [0.0, 0.0]
         self._wheel_angle = [0.0, 0.0]
-        self._grip_angle = [_GRIP_OPEN_RAD, _GRIP_OPEN_RAD]
-        self._lift_m = config.arms.lift_height_m
         self._lock_travel = 0.0
         self.led_current_a = [0.0] * len(config.leds.positions_m)
-        self.contact = Contact(world, self._handle_reach().x_m)
-        self.contact.regrip(self._handle_reach().x_m)
-        self._grip_angle = [_GRIP_CLOSED_RAD, _GRIP_CLOSED_RAD]
+        self.contact = Contact(world, self.pose.compose(Pose2(world.handle_x_m, 0.0, 0.0)), gripped=True)
+        self.arms = SimulatedArms(config.arms, world, follower.joints, follower.grippers, follower.lift)
         self.time_ns: int | None = None
         self._move_leader(0.0)
 
@@ -65,12 +57,8 @@ class Plant:
     def _step(self, dt_s: float) -> None:
         v_before = self.v_m_s
         self._roll(dt_s)
-        reach = self._handle_reach()
-        acceleration = (self.v_m_s - v_before) / dt_s
-        self._tilt(acceleration, dt_s)
-        bound = self._config.docking.lateral_bound_first_m
-        self.contact.advance(reach.x_m, acceleration, reach.y_m, bound, dt_s)
-        self._move_arms(dt_s)
+        self._tilt((self.v_m_s - v_before) / dt_s, dt_s)
+        self._move_trolley(dt_s)
         self._move_leader(dt_s)
 
     def _roll(self, dt_s: float) -> None:
@@ -100,30 +88,21 @@ class Plant:
         self.pitch_rad += follow * (self._world.pitch_per_m_s2 * acceleration_m_s2 - self.pitch_rad)
         self.roll_rad += follow * (self._world.roll_per_m_s2 * self.v_m_s * self.w_rad_s - self.roll_rad)
 
-    def _move_arms(self, dt_s: float) -> None:
-        per_arm = self.contact.handle_force_n * self._config.arms.lever_m / 2
-        for i, motor in enumerate(self._follower.joints):
-            share = _JOINT_SHARES[i % len(_JOINT_SHARES)]
-            motor.set_measured(0.0, 0.0, share * per_arm if motor.enabled else 0.0)
-        for i, motor in enumerate(self._follower.grippers):
-            told = motor.torque_setpoint_n_m if motor.enabled else 0.0
-            direction = (told < -_GRIP_FREE_TORQUE_N_M) - (told > _GRIP_FREE_TORQUE_N_M)
-            moved = self._grip_angle[i] + direction * _GRIP_SPEED_RAD_S * dt_s
-            angle = min(_GRIP_OPEN_RAD, max(_GRIP_CLOSED_RAD, moved))
-            speed = (angle - self._grip_angle[i]) / dt_s
-            self._grip_angle[i] = angle
-            blocked = direction != 0 and speed == 0.0
-            motor.set_measured(angle, speed, told if blocked else 0.0)
-        closed = all(angle < 0.1 for angle in self._grip_angle)
-        if self.contact.gripped and all(angle > 0.3 for angle in self._grip_angle):
-            self.contact.gripped = False
-        elif closed and not self.contact.gripped and abs(self._handle_reach().x_m - self.contact.beam_x_m) < 0.05:
-            self.contact.regrip(self._handle_reach().x_m)
-        lift = self._follower.lift
-        wanted = lift.position_setpoint if lift.enabled else self._lift_m
-        step = _LIFT_SPEED_M_S * dt_s
-        self._lift_m += min(step, max(-step, wanted - self._lift_m))
-        lift.set_measured(self._lift_m, 0.0, 0.0)
+    def _move_trolley(self, dt_s: float) -> None:
+        """Arms and trolley against each other; the trolley's handle as {F} sees it, the reaction back in {L}."""
+        c, s = math.cos(self.pose.theta_rad), math.sin(self.pose.theta_rad)
+        handle = self.pose.inverse().compose(self.contact.handle)
+        h_x, h_y, turn = self.contact.handle_velocity()
+        velocity = (
+            c * h_x + s * h_y - self.v_m_s + self.w_rad_s * handle.y_m,
+            c * h_y - s * h_x - self.w_rad_s * handle.x_m,
+            turn - self.w_rad_s,
+        )
+        f_x, f_y, moment = self.arms.advance(handle, velocity, dt_s)
+        self.contact.gripped = self.arms.holding
+        self.contact.handle_force_n = f_x
+        bound = self._config.docking.lateral_bound_first_m
+        self.contact.advance((c * f_x - s * f_y, s * f_x + c * f_y), moment, bound, dt_s)
 
     def _move_leader(self, dt_s: float) -> None:
         leader = self._leader
@@ -144,7 +123,3 @@ class Plant:
             lock_extended=self._lock_travel >= 1.0,
             lock_retracted=self._lock_travel <= 0.0,
         )
-
-    def _handle_reach(self) -> Pose2:
-        """Where the beam is in {L} if the handle carries no force."""
-        return self.pose.compose(Pose2(self._world.handle_x_m + self._world.handle_to_beam_m, 0.0, 0.0))

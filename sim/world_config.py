@@ -26,8 +26,13 @@ class WorldConfig(Section):
     rolling_resistance: NonNegative = 0.02
     handle_x_m: Positive = 0.45
     handle_to_beam_m: Positive = 0.90
-    handle_stiffness_n_m: Positive = 3000.0
-    handle_damping_n_s_m: Positive = 300.0
+    joint_inertia_kg_m2: tuple[Positive, Positive, Positive] = (0.15, 0.10, 0.03)
+    joint_friction_n_m: NonNegative = 0.35
+    joint_damping_n_m_s: NonNegative = 0.6
+    joint_torque_error: Annotated[float, Field(ge=-0.2, le=0.2, description="of what a joint does, relative")] = 0.02
+    torque_noise_n_m: NonNegative = 0.05
+    link_error: Annotated[float, Field(ge=-0.05, le=0.05, description="of the arms' links, relative")] = 0.002
+    finger_friction_n_per_n_m: Annotated[Positive, Field(description="pull per grip torque that lets slip")] = 20.0
     traction_limit_n: Positive = 220.0
     guide_ramp_m: tuple[float, float] = (-0.10, 0.0)
     guide_force_n: Positive = 45.0

@@ -1,61 +1,121 @@
-"""Holding the handle: constant torques out, force and contact from the joint torques in."""
+"""Both arms at the handle: measurements and mission in, what the arms feel and what they shall do out."""
 
 from __future__ import annotations
 
-from common.config import ArmsConfig
-from common.messages import ArmSetpoint, ArmState, Drives, Mission
+from common.config import ArmsConfig, BaseConfig
+from common.geometry import Pose2
+from common.kinematics import twist_from_wheels
+from common.messages import ArmCause, ArmSetpoint, ArmState, Drives, Mission
+from common.timing import NS_PER_S
+from follower.arms.grasp import GraspSequence
+from follower.arms.impedance import HandleImpedance, Posture, PostureSense, handle_force
+from follower.arms.touch import CollisionSense, ContactSense, SlipSense, first_cause
 
-# the pushing force's share in an arm's three joints, shoulder first, in the holding posture
-JOINT_SHARES = (1.0, 0.6, 0.2)
-_CONTACT_SAMPLES = 5
-_RELEASE_SHARE = 0.5
-_FILTER_SHARE = 0.2
-_CLOSED_RAD, _OPEN_RAD = 0.3, 1.0
-
-
-class _Threshold:
-    """Passed by a force that stays above for 50 ms, until it falls below half."""
-
-    def __init__(self, force_n: float) -> None:
-        self._threshold_n = force_n
-        self._above = 0
-        self._on = False
-
-    def passed(self, force_n: float) -> bool:
-        self._above = self._above + 1 if force_n > self._threshold_n else 0
-        if self._above >= _CONTACT_SAMPLES:
-            self._on = True
-        elif force_n < _RELEASE_SHARE * self._threshold_n:
-            self._on = False
-        return self._on
+_NOMINAL_STEP_S = 0.01
+_LONGEST_STEP_S = 0.05
+_PUSH_N_S = 60.0
+# below one: dry friction in the joints holds what was pushed once, which would then count as resistance
+_PUSH_SHARE = 0.7
+_DRIVING_M_S = 0.01
+_ACCELERATION_FILTER_S = 0.05
 
 
 class HandleHold:
-    """Steps at 100 Hz with each measurement of the drives."""
+    """Steps at 100 Hz with each measurement of the drives; :meth:`feel` first, then :meth:`hold`.
 
-    def __init__(self, config: ArmsConfig) -> None:
-        self._config = config
-        self._force_n = 0.0
-        self._contact = _Threshold(config.contact_force_n)
-        self._connected = _Threshold(config.connected_force_n)
+    A slip or a collision is named until the next epoch, and the arms yield at once: reference where the handle is,
+    gains of free arms, no push. What the supervisor does about it follows within its own period.
+    """
 
-    def feel(self, drives: Drives) -> ArmState:
-        """Force along the handle from the shoulder torques, contact and rigid connection."""
-        left, right = drives.joint_torque_n_m[0], drives.joint_torque_n_m[3]
-        self._force_n += _FILTER_SHARE * ((left + right) / self._config.lever_m - self._force_n)
+    def __init__(self, arms: ArmsConfig, base: BaseConfig) -> None:
+        self._config, self._base = arms, base
+        self._sense = PostureSense(arms)
+        self._impedance = HandleImpedance(arms)
+        self._grasp = GraspSequence(arms)
+        self._touch = ContactSense(arms)
+        self._collision, self._slip = CollisionSense(arms), SlipSense(arms)
+        self._posture: Posture | None = None
+        self._measured_ns: int | None = None
+        self._dt_s = _NOMINAL_STEP_S
+        self._speed_m_s = self._acceleration_m_s2 = 0.0
+        self._push_n = 0.0
+        self._holding = False
+        self._epoch = -1
+        self._cause: ArmCause = "ok"
+
+    def feel(self, drives: Drives, mission: Mission | None) -> ArmState:
+        """Force along the handle from all six joint torques, contact, connection, slip, collision."""
+        self._time(drives)
+        posture = self._sense.posture(drives.joint_angle_rad, drives.measured_ns)
+        self._posture = posture
+        force_n = float(handle_force(posture, drives.joint_torque_n_m)[0])
+        ahead = drives.v_set_m_s > _DRIVING_M_S and drives.state == "armed" and self._holding
+        expected = mission is not None and mission.push
+        self._touch.step(force_n, self._acceleration_m_s2, self._dt_s, rolling=ahead, expected=expected)
+        if mission is not None and mission.epoch != self._epoch:
+            self._epoch, self._cause = mission.epoch, "ok"
+        self._watch(drives)
         return ArmState(
-            handle_force_n=self._force_n,
-            contact=self._contact.passed(self._force_n),
-            connected=self._connected.passed(self._force_n),
-            gripped=all(angle < _CLOSED_RAD for angle in drives.grip_angle_rad),
-            released=all(angle > _OPEN_RAD for angle in drives.grip_angle_rad),
+            handle_force_n=max(-5000.0, min(5000.0, self._touch.force_n)),
+            contact=self._touch.contact,
+            connected=self._touch.connected,
+            gripped=self._grasp.gripped(drives.grip_angle_rad),
+            released=self._grasp.released(drives.grip_angle_rad),
+            cause=self._cause,
+            resistance_n=self._touch.resistance_n,
         )
 
-    def hold(self, mission: Mission) -> ArmSetpoint:
-        """Torques that push the handle along the chassis while a trolley is held; none with open grippers."""
-        config = self._config
-        holding = mission.grip == "closed"
-        per_arm = config.pushing_force_n * config.lever_m / 2 if holding else 0.0
-        grip = config.grip_torque_n_m if holding else config.release_torque_n_m
-        joints = tuple(share * per_arm for _ in range(2) for share in JOINT_SHARES)
-        return ArmSetpoint(mission.epoch, joints, (grip, grip), config.lift_height_m)
+    def hold(self, drives: Drives, mission: Mission) -> ArmSetpoint:
+        """Set-points after :meth:`feel` of the same measurement.
+
+        Raises:
+            RuntimeError: nothing was felt yet.
+        """
+        posture = self._posture
+        if posture is None:
+            raise RuntimeError("hold() comes after feel()")
+        obeyed = drives.state == "armed" and self._cause == "ok"
+        if drives.state != "armed":
+            self._grasp.restart(posture.handle.x_m, drives.grip_angle_rad)
+        grasp = self._grasp.step(mission.grip, drives.grip_angle_rad, drives.lift_m, self._dt_s)
+        self._holding = grasp.stage == "hold"
+        self._push(drives, obeyed and self._holding)
+        reference = Pose2(grasp.handle_x_m, 0.0, 0.0) if obeyed else posture.handle
+        torques = self._impedance.torques(posture, reference, self._push_n, grasp.firmness if obeyed else 0.0)
+        grip = grasp.grip_torque_n_m
+        return ArmSetpoint(mission.epoch, torques, (grip, grip), grasp.lift_m)
+
+    def _time(self, drives: Drives) -> None:
+        """Step length and acceleration from the measurement's own stamps."""
+        speed, _ = twist_from_wheels(self._base, drives.wheel_speed_rad_s)
+        if self._measured_ns is None:
+            self._measured_ns, self._speed_m_s = drives.measured_ns, speed
+        elapsed_s = (drives.measured_ns - self._measured_ns) / NS_PER_S
+        self._dt_s = min(max(elapsed_s, 0.0), _LONGEST_STEP_S)
+        if self._dt_s > 0.0:
+            share = min(1.0, self._dt_s / _ACCELERATION_FILTER_S)
+            raw = (speed - self._speed_m_s) / self._dt_s
+            self._acceleration_m_s2 += share * (raw - self._acceleration_m_s2)
+            self._speed_m_s = speed
+        self._measured_ns = max(self._measured_ns, drives.measured_ns)
+
+    def _watch(self, drives: Drives) -> None:
+        """Slip and collision are judged while the drives obey and a trolley is held."""
+        if drives.state != "armed" or not self._holding:
+            self._slip.forget()
+            self._collision.forget()
+            return
+        if self._dt_s <= 0.0:
+            return
+        slipped = self._slip.step(drives.grip_angle_rad, drives.grip_torque_n_m, self._dt_s)
+        collided = self._collision.step(drives.joint_torque_n_m, self._dt_s)
+        if self._cause != "collision":
+            self._cause = first_cause(slipped or self._cause == "slip", collided)
+
+    def _push(self, drives: Drives, allowed: bool) -> None:
+        """F_push: the resistance that was measured, in the commanded direction, taken up smoothly."""
+        wanted = _PUSH_SHARE * self._touch.resistance_n if allowed and drives.v_set_m_s > _DRIVING_M_S else 0.0
+        if drives.state != "armed" or self._cause != "ok":
+            self._push_n = 0.0
+        step_n = _PUSH_N_S * self._dt_s
+        self._push_n += min(step_n, max(-step_n, wanted - self._push_n))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from common.channels import ARM_SETPOINT, ARM_STATE, DRIVES, MISSION
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from follower.arms.handle import HandleHold
+from follower.arms.kinematics import check_postures
 
 
 class ArmsNode(Node):
@@ -18,17 +19,19 @@ class ArmsNode(Node):
     trigger = Trigger(wakes=(DRIVES,))
 
     def __init__(self, context: NodeContext) -> None:
-        self._handle = HandleHold(context.config.arms)
+        config = context.config
+        check_postures(config.arms, str(context.config_path))
+        self._handle = HandleHold(config.arms, config.base)
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
         """Feel always; hold only while there is a mission."""
         drives = inputs.arrived(DRIVES)
         if drives is None:
             return ()
-        outputs: list[Output] = [(ARM_STATE, self._handle.feel(drives))]
         mission = inputs.fresh(MISSION, now_ns)
+        outputs: list[Output] = [(ARM_STATE, self._handle.feel(drives, mission))]
         if mission is not None:
-            outputs.append((ARM_SETPOINT, self._handle.hold(mission)))
+            outputs.append((ARM_SETPOINT, self._handle.hold(drives, mission)))
         return outputs
 
 

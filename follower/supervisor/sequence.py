@@ -138,6 +138,9 @@ class DockingSequence:
             self._stopped(drives.cause, seen.now_ns)
         elif self._phase != "acquire" and (drives.state != "armed" or drives.epoch != self._epoch):
             self._abort(f"drives_{drives.state}: {drives.cause or 'disarmed by themselves'}", seen.now_ns)
+        elif self._armed and seen.arms is not None and seen.arms.cause != "ok":
+            # slip (S1, no pursuit) and collision (S2): the arms already yield, the drives then hold where they are
+            self._abort(seen.arms.cause, seen.now_ns)
 
     def _stopped(self, cause: str, now_ns: int) -> None:
         """S1: the gate stopped and disarmed. While nothing is in contact, arm anew once all is well, a few times."""
@@ -166,6 +169,9 @@ class DockingSequence:
             self._abort(f"acquire_timeout: {missing or 'drives not enabled'}", seen.now_ns)
 
     def _approach(self, seen: Observed) -> None:
+        if seen.arms is not None and seen.arms.connected:
+            self._abort("contact_early", seen.now_ns)
+            return
         if self._lost(seen):
             return
         if self._arrived(seen.state):

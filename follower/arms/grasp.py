@@ -1,0 +1,105 @@
+"""Grasp, hold, release, retract: what grippers, lift and the arms' reference do, as a pure state machine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from common.config import ArmsConfig
+
+Stage = Literal["reach", "close", "hold", "relax", "open", "retract"]
+_RELAX_S = 0.3
+_GLIDE_M_S = 0.10
+_ARRIVED_M = 0.01
+_CLOSE_SETTLE_S = 0.2
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """What is wanted now: grip torque [N·m], reference of the handle [m in {F}], lift [m], firmness 0 … 1."""
+
+    stage: Stage
+    grip_torque_n_m: float
+    handle_x_m: float
+    lift_m: float
+    firmness: float
+
+
+class GraspSequence:
+    """Steps with each measurement, from :meth:`restart` on.
+
+    Closing: ``reach`` to the handle's place and height, ``close``, ``hold``. Opening: ``relax`` the force first, so
+    that nothing springs away, ``open``, ``retract``.
+    """
+
+    def __init__(self, config: ArmsConfig) -> None:
+        self._config = config
+        self._stage: Stage = "retract"
+        self._stage_s = 0.0
+        self._reference_m = config.handle_x_m
+        self._firmness = 0.0
+
+    def restart(self, handle_x_m: float, angles_rad: tuple[float, float]) -> None:
+        """Begin from where grippers and handle are; called while the drives do not obey, so that nothing jumps."""
+        # fingers that are neither on a handle nor open may still hold one on one side: they stay closed
+        self._stage = "hold" if self.gripped(angles_rad) else "retract" if self.released(angles_rad) else "close"
+        self._stage_s = 0.0
+        self._firmness = float(self._stage == "hold")
+        self._reference_m = handle_x_m
+
+    def step(
+        self, wanted: Literal["open", "closed"], angles_rad: tuple[float, float], lift_m: float, dt_s: float
+    ) -> Grasp:
+        """Take one step with the measured finger angles and lift height."""
+        self._stage_s += dt_s
+        following = self._next(self._stage, wanted, angles_rad, lift_m)
+        if following != self._stage:
+            self._stage, self._stage_s = following, 0.0
+        return self._wanted(self._stage, dt_s)
+
+    def gripped(self, angles_rad: tuple[float, float]) -> bool:
+        """Both grippers have closed on something."""
+        config = self._config
+        return all(config.grip_empty_rad < angle < config.grip_closed_rad for angle in angles_rad)
+
+    def released(self, angles_rad: tuple[float, float]) -> bool:
+        """Both grippers are open."""
+        return all(angle > self._config.grip_open_rad for angle in angles_rad)
+
+    def _next(self, stage: Stage, wanted: str, angles_rad: tuple[float, float], lift_m: float) -> Stage:
+        config = self._config
+        if wanted == "open":
+            if stage == "hold":
+                return "relax"
+            if stage in ("reach", "close"):
+                return "open"
+            if stage == "relax" and self._stage_s >= _RELAX_S:
+                return "open"
+            return "retract" if stage == "open" and self.released(angles_rad) else stage
+        if stage == "relax":
+            return "hold"
+        if stage in ("open", "retract"):
+            return "reach"
+        level = abs(lift_m - config.lift_height_m) < _ARRIVED_M
+        if stage == "reach" and level and abs(self._reference_m - config.handle_x_m) < _ARRIVED_M:
+            return "close"
+        settled = stage == "close" and self._stage_s >= _CLOSE_SETTLE_S
+        return "hold" if settled and self.gripped(angles_rad) else stage
+
+    def _wanted(self, stage: Stage, dt_s: float) -> Grasp:
+        config = self._config
+        away = stage == "retract"
+        step_m = _GLIDE_M_S * dt_s
+        goal_m = config.retracted_x_m if away else config.handle_x_m
+        if stage != "open":
+            self._reference_m += min(step_m, max(-step_m, goal_m - self._reference_m))
+        change = dt_s / _RELAX_S
+        self._firmness = min(1.0, max(0.0, self._firmness + (change if stage == "hold" else -change)))
+        torque = {"close": config.grip_torque_n_m, "hold": config.grip_torque_n_m, "relax": config.grip_torque_n_m}
+        return Grasp(
+            stage,
+            torque.get(stage, config.release_torque_n_m),
+            self._reference_m,
+            config.lift_travel_m if away else config.lift_height_m,
+            self._firmness,
+        )

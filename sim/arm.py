@@ -1,0 +1,284 @@
+"""Both simulated SCARA arms, their grippers and the lift: what motors are told becomes motion and force.
+
+Joints move under the motor's torque against the handle, each with inertia, viscous and dry friction and a hard stop
+at its limit. A closed gripper holds the handle by a stiff spring and damper and lets it slip when it is pulled harder
+than its fingers can hold. Measured torques are those of the motors' currents: friction is in them, and noise. Not
+modelled: inertial coupling between links and from the base's motion, gear play, elastic gears; a free motor has no
+brake, its friction holds it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from random import Random
+from typing import Literal, Protocol
+
+import numpy as np
+
+from common.config import ArmsConfig
+from common.geometry import Pose2
+from sim.world_config import WorldConfig
+
+_GRASP_STIFFNESS = (20_000.0, 20_000.0, 200.0)
+_GRASP_DAMPING = (250.0, 250.0, 3.0)
+_HOLD_BANDWIDTH_RAD_S = 60.0
+_GRIP_EMPTY_RAD, _GRIP_HANDLE_RAD, _GRIP_OPEN_RAD = 0.0, 0.15, 1.2
+_GRIP_LETS_GO_RAD = 0.30
+_GRIP_SPEED_RAD_S = 2.0
+_GRIP_FREE_TORQUE_N_M = 0.1
+_GRIP_REACH_M = 0.05
+_LIFT_SPEED_M_S = 0.05
+Triple = tuple[float, float, float]
+
+
+class Motor(Protocol):
+    """What a drive tells its motor, and takes as measured, at the output shaft."""
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the power stage drives the motor."""
+
+    @property
+    def effort(self) -> Literal["none", "velocity", "torque", "position"]:
+        """Which set-point the motor follows."""
+
+    @property
+    def torque_setpoint_n_m(self) -> float:
+        """Wanted torque."""
+
+    @property
+    def torque_limit_n_m(self) -> float:
+        """Largest torque."""
+
+    @property
+    def position_setpoint(self) -> float:
+        """Wanted or held position."""
+
+    def set_measured(self, position_rad: float, velocity_rad_s: float, torque_n_m: float) -> None:
+        """What the shaft does."""
+
+
+@dataclass
+class _Gripper:
+    """Finger angle, clamping torque, and where on the handle it holds (None: nowhere)."""
+
+    angle_rad: float = _GRIP_OPEN_RAD
+    clamp_n_m: float = 0.0
+    hold: Triple | None = None
+    slippery: bool = False
+
+
+class _Limb:
+    """One arm: joint angles and speeds, geometry and friction of its own."""
+
+    def __init__(self, config: ArmsConfig, world: WorldConfig, side: int) -> None:
+        grown = 1.0 + world.link_error
+        self.base = (config.base_xy_m[0], side * config.base_xy_m[1])
+        self.links = tuple(grown * length for length in config.link_m)
+        limits = [sorted((side * math.radians(a), side * math.radians(b))) for a, b in config.joint_limits_deg]
+        self.low, self.high = [pair[0] for pair in limits], [pair[1] for pair in limits]
+        self.inertia, self.friction = world.joint_inertia_kg_m2, world.joint_friction_n_m
+        self.damping = world.joint_damping_n_m_s
+        self.angles = [side * 1.2, side * -1.6, side * 0.4]
+        self.speeds = [0.0, 0.0, 0.0]
+
+    def tip(self) -> tuple[Triple, tuple[Triple, Triple]]:
+        """Gripper pose in {F}; and x and y columns of its velocity by the joints' speeds."""
+        a1, a2, a3 = self.angles
+        h2, h3 = a1 + a2, a1 + a2 + a3
+        l1, l2, l3 = self.links
+        x3, y3 = l3 * math.cos(h3), l3 * math.sin(h3)
+        x2, y2 = x3 + l2 * math.cos(h2), y3 + l2 * math.sin(h2)
+        x1, y1 = x2 + l1 * math.cos(a1), y2 + l1 * math.sin(a1)
+        return (self.base[0] + x1, self.base[1] + y1, h3), ((-y1, -y2, -y3), (x1, x2, x3))
+
+    def place(self, goal: Triple) -> None:
+        """Bend the joints until the gripper is at ``goal`` in {F}: Newton's method from the posture it has.
+
+        Raises:
+            ValueError: the joints cannot bring it there.
+        """
+        for _ in range(60):
+            (x, y, heading), (by_x, by_y) = self.tip()
+            error = goal[0] - x, goal[1] - y, goal[2] - heading
+            if max(map(abs, error)) < 1e-10:
+                return
+            steps = np.linalg.lstsq(np.array([by_x, by_y, (1.0, 1.0, 1.0)]), np.array(error), rcond=1e-3)[0]
+            scale = min(1.0, 0.3 / float(np.abs(steps).max()))
+            self.angles = [angle + scale * float(step) for angle, step in zip(self.angles, steps, strict=True)]
+        raise ValueError("a simulated arm cannot reach the handle: check [arms] handle_x_m, link_m")
+
+    def move(self, torques: Triple, dt_s: float) -> None:
+        """One step under motor and handle torques; dry friction stops a joint but never drives it."""
+        for i, torque in enumerate(torques):
+            speed = self.speeds[i] + (torque - self.damping * self.speeds[i]) / self.inertia[i] * dt_s
+            loss = self.friction / self.inertia[i] * dt_s
+            speed = math.copysign(max(0.0, abs(speed) - loss), speed)
+            angle = self.angles[i] + speed * dt_s
+            if not self.low[i] <= angle <= self.high[i]:
+                angle, speed = min(self.high[i], max(self.low[i], angle)), 0.0
+            self.angles[i], self.speeds[i] = angle, speed
+
+
+class SimulatedArms:
+    """Left and right arm, grippers, lift. Starts with the handle in the grippers.
+
+    Args:
+        config: nominal geometry and holding posture; the real links differ by ``world.link_error``.
+        world: inertia, friction, noise.
+        joints, grippers, lift: the drives' motors, left before right.
+    """
+
+    def __init__(
+        self,
+        config: ArmsConfig,
+        world: WorldConfig,
+        joints: tuple[Motor, ...],
+        grippers: tuple[Motor, ...],
+        lift: Motor,
+    ) -> None:
+        self._config, self._world = config, world
+        self._joints, self._gripper_motors, self._lift = joints, grippers, lift
+        self._limbs = (_Limb(config, world, 1), _Limb(config, world, -1))
+        self.grippers = (_Gripper(), _Gripper())
+        self._lift_m = config.lift_height_m
+        self._random = Random(world.seed)
+        self._places = ((0.0, config.grip_half_width_m, 0.0), (0.0, -config.grip_half_width_m, 0.0))
+        for limb, gripper, (_, y_m, _) in zip(self._limbs, self.grippers, self._places, strict=True):
+            limb.place((world.handle_x_m, y_m, 0.0))
+            gripper.hold = (0.0, y_m, 0.0)
+            gripper.angle_rad, gripper.clamp_n_m = _GRIP_HANDLE_RAD, config.grip_torque_n_m
+        self._report((0.0,) * 6, (0.0, 0.0))
+
+    @property
+    def holding(self) -> bool:
+        """A gripper holds the handle."""
+        return any(gripper.hold is not None for gripper in self.grippers)
+
+    def make_slippery(self, side: int) -> None:
+        """The handle leaves gripper ``side`` (0 left, 1 right), whatever its fingers do: a fault to inject."""
+        self.grippers[side].slippery = True
+
+    def advance(self, handle: Pose2, velocity: Triple, dt_s: float) -> Triple:
+        """One step.
+
+        Args:
+            handle: its pose in {F}.
+            velocity: of the handle seen from the moving {F}, in its axes: m/s, m/s, rad/s.
+            dt_s: the step.
+
+        Returns:
+            Force [N] and moment [N·m] on the handle, in the axes of {F}, about its centre.
+        """
+        told = self._motor_torques()
+        reaction = [0.0, 0.0, 0.0]
+        for side, limb in enumerate(self._limbs):
+            tip, columns = limb.tip()
+            gripper = self.grippers[side]
+            held = _held(gripper, limb, tip, columns, handle, velocity)
+            if held is not None and self._slips(gripper, held, tip[2]):
+                gripper.hold, held = None, None
+            force = held or (0.0, 0.0, 0.0)
+            by_x, by_y = columns
+            own = told[3 * side : 3 * side + 3]
+            motion = tuple(own[i] + by_x[i] * force[0] + by_y[i] * force[1] + force[2] for i in range(3))
+            limb.move((motion[0], motion[1], motion[2]), dt_s)
+            lever_x, lever_y = tip[0] - handle.x_m, tip[1] - handle.y_m
+            reaction[0] -= force[0]
+            reaction[1] -= force[1]
+            reaction[2] -= force[2] + lever_x * force[1] - lever_y * force[0]
+        grip_torques = self._move_grippers(handle, dt_s)
+        self._move_lift(dt_s)
+        self._report(told, grip_torques)
+        return reaction[0], reaction[1], reaction[2]
+
+    def _motor_torques(self) -> tuple[float, ...]:
+        result = []
+        for i, motor in enumerate(self._joints):
+            limb, joint = self._limbs[i // 3], i % 3
+            effort, torque = motor.effort, 0.0
+            if effort == "torque":
+                torque = motor.torque_setpoint_n_m * (1.0 + self._world.joint_torque_error)
+            elif effort == "position":
+                stiffness = limb.inertia[joint] * _HOLD_BANDWIDTH_RAD_S**2
+                damping = 2.0 * limb.inertia[joint] * _HOLD_BANDWIDTH_RAD_S
+                torque = stiffness * (motor.position_setpoint - limb.angles[joint]) - damping * limb.speeds[joint]
+            limit = motor.torque_limit_n_m
+            result.append(min(limit, max(-limit, torque)))
+        return tuple(result)
+
+    def _slips(self, gripper: _Gripper, force: Triple, heading: float) -> bool:
+        """Pushed, the handle bears on the gripper's palm; pulled, only the fingers' friction holds it."""
+        pull_n = force[0] * math.cos(heading) + force[1] * math.sin(heading)
+        return gripper.slippery or pull_n > self._world.finger_friction_n_per_n_m * gripper.clamp_n_m
+
+    def _move_grippers(self, handle: Pose2, dt_s: float) -> tuple[float, ...]:
+        """Fingers close until they meet the handle or each other; what their motors then feel."""
+        felt = []
+        for side, (motor, gripper) in enumerate(zip(self._gripper_motors, self.grippers, strict=True)):
+            told = motor.torque_setpoint_n_m if motor.effort == "torque" else 0.0
+            if motor.effort == "torque":
+                gripper.clamp_n_m = max(0.0, told)
+            near = gripper.hold is not None or self._near(side, handle)
+            stop = _GRIP_HANDLE_RAD if near and not gripper.slippery else _GRIP_EMPTY_RAD
+            direction = (told < -_GRIP_FREE_TORQUE_N_M) - (told > _GRIP_FREE_TORQUE_N_M)
+            moved = gripper.angle_rad + direction * _GRIP_SPEED_RAD_S * dt_s
+            # fingers that are past the handle already do not jump back to it
+            low = stop if gripper.angle_rad >= stop else _GRIP_EMPTY_RAD
+            angle = min(_GRIP_OPEN_RAD, max(low, moved))
+            blocked = direction != 0 and angle == gripper.angle_rad
+            if gripper.hold is not None and angle > _GRIP_LETS_GO_RAD:
+                gripper.hold = None
+            elif gripper.hold is None and blocked and angle == _GRIP_HANDLE_RAD:
+                gripper.hold = self._place_on(side, handle)
+            gripper.angle_rad = angle
+            felt.append(told if blocked else 0.0)
+        return tuple(felt)
+
+    def _near(self, side: int, handle: Pose2) -> bool:
+        place = self._places[side]
+        x, y, _ = self._place_on(side, handle)
+        return math.hypot(x - place[0], y - place[1]) < _GRIP_REACH_M
+
+    def _place_on(self, side: int, handle: Pose2) -> Triple:
+        """Where the gripper is, seen from the handle."""
+        (x, y, heading), _ = self._limbs[side].tip()
+        seen = handle.inverse().compose(Pose2(x, y, heading))
+        return seen.x_m, seen.y_m, seen.theta_rad
+
+    def _move_lift(self, dt_s: float) -> None:
+        wanted = self._lift.position_setpoint if self._lift.enabled else self._lift_m
+        step = _LIFT_SPEED_M_S * dt_s
+        self._lift_m += min(step, max(-step, wanted - self._lift_m))
+
+    def _report(self, torques: tuple[float, ...], grip_torques: tuple[float, ...]) -> None:
+        noise, gauss = self._world.torque_noise_n_m, self._random.gauss
+        for i, motor in enumerate(self._joints):
+            limb, joint = self._limbs[i // 3], i % 3
+            felt = torques[i] + gauss(0.0, noise) if motor.enabled else 0.0
+            motor.set_measured(limb.angles[joint], limb.speeds[joint], felt)
+        for motor, gripper, torque in zip(self._gripper_motors, self.grippers, grip_torques, strict=True):
+            motor.set_measured(gripper.angle_rad, 0.0, torque)
+        self._lift.set_measured(self._lift_m, 0.0, 0.0)
+
+
+def _held(
+    gripper: _Gripper, limb: _Limb, tip: Triple, columns: tuple[Triple, Triple], handle: Pose2, velocity: Triple
+) -> Triple | None:
+    """Force and moment of the handle on a gripper that holds it, in {F}."""
+    if gripper.hold is None:
+        return None
+    c, s = math.cos(handle.theta_rad), math.sin(handle.theta_rad)
+    a_x, a_y, a_turn = gripper.hold
+    o_x, o_y = c * a_x - s * a_y, s * a_x + c * a_y
+    by_x, by_y = columns
+    w1, w2, w3 = limb.speeds
+    v_x = by_x[0] * w1 + by_x[1] * w2 + by_x[2] * w3
+    v_y = by_y[0] * w1 + by_y[1] * w2 + by_y[2] * w3
+    (k_x, k_y, k_turn), (d_x, d_y, d_turn) = _GRASP_STIFFNESS, _GRASP_DAMPING
+    return (
+        k_x * (handle.x_m + o_x - tip[0]) + d_x * (velocity[0] - velocity[2] * o_y - v_x),
+        k_y * (handle.y_m + o_y - tip[1]) + d_y * (velocity[1] + velocity[2] * o_x - v_y),
+        k_turn * (handle.theta_rad + a_turn - tip[2]) + d_turn * (velocity[2] - w1 - w2 - w3),
+    )
