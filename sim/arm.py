@@ -16,7 +16,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from common.config import ArmsConfig
+from common.config import ArmsConfig, ConfigError
 from common.geometry import Pose2
 from sim.world_config import WorldConfig
 
@@ -97,7 +97,7 @@ class _Limb:
         """Bend the joints until the gripper is at ``goal`` in {F}: Newton's method from the posture it has.
 
         Raises:
-            ValueError: the joints cannot bring it there.
+            ConfigError: the joints cannot bring it there.
         """
         for _ in range(60):
             (x, y, heading), (by_x, by_y) = self.tip()
@@ -107,7 +107,7 @@ class _Limb:
             steps = np.linalg.lstsq(np.array([by_x, by_y, (1.0, 1.0, 1.0)]), np.array(error), rcond=1e-3)[0]
             scale = min(1.0, 0.3 / float(np.abs(steps).max()))
             self.angles = [angle + scale * float(step) for angle, step in zip(self.angles, steps, strict=True)]
-        raise ValueError("a simulated arm cannot reach the handle: check [arms] handle_x_m, link_m")
+        raise ConfigError("world.handle_x_m: the simulated arms cannot reach the handle; check arms.link_m too")
 
     def move(self, torques: Triple, dt_s: float) -> None:
         """One step under motor and handle torques; dry friction stops a joint but never drives it."""

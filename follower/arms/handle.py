@@ -108,6 +108,9 @@ class HandleHold:
         if self._dt_s <= 0.0:
             return
         slipped = self._slip.step(drives.grip_angle_rad, drives.grip_torque_n_m, self._dt_s)
+        if self._slip.suspected:
+            # an arm that loses its load jumps: that is no collision
+            self._collision.forget()
         collided = self._collision.step(drives.joint_torque_n_m, self._dt_s)
         if self._cause != "collision":
             self._cause = first_cause(slipped or self._cause == "slip", collided)

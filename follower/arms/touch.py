@@ -17,6 +17,7 @@ _RATE_WINDOW_S = 0.029
 _WEAK_S = 0.03
 _GRIP_TORQUE_SHARE = 0.5
 _GRIP_SETTLE_S = 0.3
+_SUSPECT_SHARE = 0.25
 
 
 class Threshold:
@@ -86,7 +87,7 @@ class ContactSense:
 
 
 class CollisionSense:
-    """A joint torque over its limit for 2 samples 10 ms apart, or one that changes too fast: SAFETY.md, row 39."""
+    """A joint torque over its limit for 2 samples 10 ms apart, or one that grows too fast: SAFETY.md, row 39."""
 
     def __init__(self, config: ArmsConfig) -> None:
         self._config = config
@@ -109,7 +110,7 @@ class CollisionSense:
         self._recent.clear()
 
     def _rate(self, torques_n_m: tuple[float, ...], dt_s: float) -> float:
-        """Fastest change [N·m/s] of a joint over the last 30 ms; samples need not come evenly."""
+        """Fastest growth [N·m/s] of a joint's torque over the last 30 ms; samples need not come evenly."""
         recent = self._recent
         for _ in range(len(recent)):
             age_s, torques = recent.popleft()
@@ -120,33 +121,38 @@ class CollisionSense:
         age_s, oldest = recent[0]
         if age_s < _RATE_WINDOW_S:
             return 0.0
-        return max(abs(b - a) for a, b in zip(oldest, torques_n_m, strict=True)) / age_s
+        return max(abs(b) - abs(a) for a, b in zip(oldest, torques_n_m, strict=True)) / age_s
 
 
 class SlipSense:
-    """The handle leaves a gripper: its finger jumps, or its torque drops, after it had settled: row 38."""
+    """The handle leaves a gripper: its finger jumps, or its torque drops once it had settled: row 38.
+
+    ``suspected``: the newest sample looks like the beginning of it.
+    """
 
     def __init__(self, config: ArmsConfig) -> None:
         self._config = config
         self._held_s = 0.0
         self._angles: tuple[float, float] | None = None
         self._weak_s = 0.0
+        self.suspected = False
 
     def step(self, angles_rad: tuple[float, float], torques_n_m: tuple[float, float], dt_s: float) -> bool:
         """Take one sample while the grippers hold with full torque."""
         self._held_s += dt_s
-        if self._held_s < _GRIP_SETTLE_S:
-            return False
         if self._angles is None:
             self._angles = angles_rad
         jump = max(abs(now - then) for now, then in zip(angles_rad, self._angles, strict=True))
-        weak = min(torques_n_m) < _GRIP_TORQUE_SHARE * self._config.grip_torque_n_m
+        settled = self._held_s >= _GRIP_SETTLE_S
+        weak = settled and min(torques_n_m) < _GRIP_TORQUE_SHARE * self._config.grip_torque_n_m
         self._weak_s = self._weak_s + dt_s if weak else 0.0
+        self.suspected = weak or jump > _SUSPECT_SHARE * self._config.slip_jump_rad
         return jump > self._config.slip_jump_rad or self._weak_s >= _WEAK_S
 
     def forget(self) -> None:
         """The grippers hold anew, or no longer."""
         self._held_s, self._angles, self._weak_s = 0.0, None, 0.0
+        self.suspected = False
 
 
 def first_cause(slipped: bool, collided: bool) -> ArmCause:

@@ -299,6 +299,7 @@ def test_a_slip_is_a_jump_of_a_finger_or_a_lost_grip_torque(config: Config) -> N
     full = (config.arms.grip_torque_n_m,) * 2
     sense = SlipSense(config.arms)
     assert not any(sense.step(GRIPPED, (0.0, 0.0), DT_S) for _ in range(20))
+    assert not sense.suspected
     assert not any(sense.step(GRIPPED, full, DT_S) for _ in range(100))
     assert sense.step((0.15, 0.15 - 1.2 * config.arms.slip_jump_rad), full, DT_S)
     sense.forget()

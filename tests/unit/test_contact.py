@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config import Config
+from common.config import Config, ConfigError
 from common.geometry import Pose2
 from experiments.contact import Job, push_job, run
 from experiments.contact_bench import BenchMotor, ContactBench, Sample
@@ -149,6 +149,13 @@ def test_measured_torques_carry_noise_and_none_without_power(config: Config, wor
     assert motors[1].torque_n_m == 0.0
 
 
+def test_a_handle_that_the_simulated_arms_cannot_reach_is_an_error_of_the_configuration(
+    config: Config, world: WorldConfig
+) -> None:
+    with pytest.raises(ConfigError, match=r"world\.handle_x_m"):
+        make_arms(config, world.model_copy(update={"handle_x_m": 0.9}))
+
+
 def test_fingers_open_close_on_the_handle_and_on_nothing(config: Config, world: WorldConfig) -> None:
     arms, motors = make_arms(config, world)
 
@@ -226,6 +233,16 @@ def test_a_trolley_that_is_held_back_slips_out_of_weak_fingers(config: Config, w
     for bench, expected in ((strong, "ok"), (weak, "slip")):
         run_for(bench, 1.5, lambda _: 0.3)
         assert run_for(bench, 1.0, lambda _: -0.05)[-1].state.cause == expected
+
+
+@pytest.mark.parametrize("after_s", [0.0, 1.0])
+def test_an_arm_that_jumps_as_it_loses_its_load_is_a_slip_and_no_collision(
+    config: Config, world: WorldConfig, after_s: float
+) -> None:
+    bench = ContactBench(config, loaded(world, 35.0), -3.0)
+    run_for(bench, after_s + 0.15, lambda _: 0.5)
+    bench.arms.make_slippery(0)
+    assert {sample.state.cause for sample in run_for(bench, 1.0, lambda _: 0.5)} <= {"ok", "slip"}
 
 
 def test_released_arms_let_go_without_a_jump_and_move_away(config: Config, world: WorldConfig) -> None:
