@@ -28,6 +28,8 @@ _GRIP_LETS_GO_RAD = 0.30
 _GRIP_SPEED_RAD_S = 2.0
 _GRIP_FREE_TORQUE_N_M = 0.1
 _GRIP_REACH_M = 0.05
+# what the gear's friction keeps clamped while the motor is told nothing
+_GRIP_GEAR_TORQUE_N_M = 0.6
 _LIFT_SPEED_M_S = 0.05
 Triple = tuple[float, float, float]
 
@@ -157,7 +159,7 @@ class SimulatedArms:
         return any(gripper.hold is not None for gripper in self.grippers)
 
     def make_slippery(self, side: int) -> None:
-        """The handle leaves gripper ``side`` (0 left, 1 right), whatever its fingers do: a fault to inject."""
+        """The handle leaves gripper ``side`` (0 left, 1 right) until that is opened: a fault to inject."""
         self.grippers[side].slippery = True
 
     def advance(self, handle: Pose2, velocity: Triple, dt_s: float) -> Triple:
@@ -178,7 +180,7 @@ class SimulatedArms:
             gripper = self.grippers[side]
             held = _held(gripper, limb, tip, columns, handle, velocity)
             if held is not None and self._slips(gripper, held, tip[2]):
-                gripper.hold, held = None, None
+                gripper.hold, gripper.slippery, held = None, True, None
             force = held or (0.0, 0.0, 0.0)
             by_x, by_y = columns
             own = told[3 * side : 3 * side + 3]
@@ -219,7 +221,7 @@ class SimulatedArms:
         for side, (motor, gripper) in enumerate(zip(self._gripper_motors, self.grippers, strict=True)):
             told = motor.torque_setpoint_n_m if motor.effort == "torque" else 0.0
             if motor.effort == "torque":
-                gripper.clamp_n_m = max(0.0, told)
+                gripper.clamp_n_m = max(_GRIP_GEAR_TORQUE_N_M, told)
             near = gripper.hold is not None or self._near(side, handle)
             stop = _GRIP_HANDLE_RAD if near and not gripper.slippery else _GRIP_EMPTY_RAD
             direction = (told < -_GRIP_FREE_TORQUE_N_M) - (told > _GRIP_FREE_TORQUE_N_M)
@@ -228,8 +230,8 @@ class SimulatedArms:
             low = stop if gripper.angle_rad >= stop else _GRIP_EMPTY_RAD
             angle = min(_GRIP_OPEN_RAD, max(low, moved))
             blocked = direction != 0 and angle == gripper.angle_rad
-            if gripper.hold is not None and angle > _GRIP_LETS_GO_RAD:
-                gripper.hold = None
+            if angle > _GRIP_LETS_GO_RAD:
+                gripper.hold, gripper.slippery = None, False
             elif gripper.hold is None and blocked and angle == _GRIP_HANDLE_RAD:
                 gripper.hold = self._place_on(side, handle)
             gripper.angle_rad = angle
