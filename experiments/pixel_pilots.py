@@ -32,6 +32,7 @@ class RuntimePilot:
         assert self._seen is not None
         state = self._seen.state
         twist = self._docking.step(state.capture_ns, state, self._mission, wheels)
+        self._docking.commit(twist)
         self.insight.disturbance = np.array(state.disturbance)
         self.insight.solves += state.valid
         self.insight.failures += state.valid and twist.source != "solved"

@@ -125,6 +125,22 @@ def stop_times(
     _show(out)
 
 
+@experiment.command(epilog="Example:  davpc experiment contact --trials 100")
+def contact(
+    trials: Annotated[int, typer.Option(min=1, help="pushes, and as many approaches over pads")] = 100,
+    seed: SeedOption = 1,
+    jobs: JobsOption = CORES,
+    out: Path = Path("out/contact"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Contact recognised in pushes of varied speed and load, and none over rubber pads."""
+    from experiments import contact as module
+
+    module.run(out, seed, trials, loaded(config, overrides), jobs)
+    _show(out)
+
+
 @bench.command(epilog="Example:  davpc bench control --problems 600")
 def control(
     problems: Annotated[int, typer.Option(min=10)] = 600,

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.config import Config
-from common.geometry import Array, Pose2, features_at, move_relative
+from common.geometry import Array, Pose2, features_at
 from common.messages import DockingState, Mission
 from common.timing import NS_PER_MS, NS_PER_S
+from follower.controller.compensation import limited
 from follower.controller.interface import Plan, PredictiveController, SpeedCaps
 from follower.controller.paper_method import PaperMethod
+from follower.estimator.motion_model import advance
 from follower.motion import MotionDisturbance
 
 MAX_REPLAYED_PLANS = 2
@@ -30,9 +32,11 @@ ZERO = Twist(0.0, 0.0, "hold")
 
 
 class DockingController:
-    """Steps at the control period.
+    """Steps at the control period; what is published must be given back to :meth:`commit`.
 
-    A plan that failed is bridged by the last good one for two periods; after that the robot holds.
+    Every twist keeps the caps and the rate limit against the last one that was committed, but for zero, which
+    holds at once: the drives ramp. A plan that failed is bridged by the last good one for two periods; after that
+    the robot holds.
     """
 
     def __init__(self, config: Config, solver: PredictiveController) -> None:
@@ -52,20 +56,21 @@ class DockingController:
         """
         if mission is None or not mission.armed or mission.motion == "hold":
             self._plan = None
-            self._last = (0.0, 0.0)
             self._solver.reset()
             if self._paper is not None:
                 self._paper.reset()
             return ZERO
         if mission.motion == "straight":
             self._plan = None
-            twist = Twist(self._towards(mission.straight_speed_m_s), 0.0, "straight")
-        elif state is None or not state.valid:
-            twist = self._replay("no valid state")
-        else:
-            twist = self._servo(now_ns, state, mission, wheels)
+            wanted = (mission.straight_speed_m_s, 0.0)
+            return Twist(*limited(wanted, self._last, self._caps(mission), self._config.limits), "straight")
+        if state is None or not state.valid:
+            return self._replay("no valid state", mission)
+        return self._servo(now_ns, state, mission, wheels)
+
+    def commit(self, twist: Twist) -> None:
+        """This twist was published: the next one starts from it."""
         self._last = (twist.v_m_s, twist.w_rad_s)
-        return twist
 
     def observe(self, state: DockingState, wheels: tuple[float, float] | None) -> None:
         """Show every docking state, also those on which no command is due: the paper's observer lives on them."""
@@ -73,17 +78,14 @@ class DockingController:
             self._paper.observe(state, self._last, wheels)
 
     def _servo(self, now_ns: int, state: DockingState, mission: Mission, wheels: tuple[float, float] | None) -> Twist:
-        limits = self._config.limits
-        caps = SpeedCaps(
-            limits.v_min_m_s, min(limits.v_max_m_s, mission.v_max_m_s), min(limits.w_max_rad_s, mission.w_max_rad_s)
-        )
+        caps = self._caps(mission)
         desired, theta_rad = np.array(mission.desired_features), mission.goal_theta_rad
         if self._paper is not None:
             plan = self._paper.plan(state, desired, theta_rad, self._last, caps)
         else:
             plan = self._plan_ahead(now_ns, state, desired, theta_rad, caps, wheels)
         if not plan.usable:
-            return self._replay(plan.status.value)
+            return self._replay(plan.status.value, mission)
         self._plan, self._replayed = plan, 0
         if self._paper is not None:
             return Twist(*self._paper.compensated(state, plan.first, self._last, caps), "compensated")
@@ -106,24 +108,27 @@ class DockingController:
         )
 
     def _at_effect(self, now_ns: int, state: DockingState, twist: tuple[float, float]) -> tuple[Pose2, Array, float]:
-        """The filtered state moved on, with the present twist, to when the next command takes effect."""
-        captured = Pose2(state.x_m, state.y_m, state.theta_rad)
-        age_s = (now_ns - state.capture_ns + self._config.base.latency_ms * NS_PER_MS) / NS_PER_S
-        pose = move_relative(captured, *twist, age_s)
+        """The filtered state moved on, disturbed as estimated, from its exposure to when the next command acts."""
+        effect_s = max(now_ns - state.capture_ns, self._config.base.latency_ms * NS_PER_MS) / NS_PER_S
+        captured = np.array([state.x_m, state.y_m, state.theta_rad, *state.disturbance])
+        moved = advance(captured, *twist, effect_s)[0]
+        pose = Pose2(float(moved[0]), float(moved[1]), float(moved[2]))
         return pose, self._features(pose), pose.theta_rad
+
+    def _caps(self, mission: Mission) -> SpeedCaps:
+        limits = self._config.limits
+        return SpeedCaps(
+            limits.v_min_m_s, min(limits.v_max_m_s, mission.v_max_m_s), min(limits.w_max_rad_s, mission.w_max_rad_s)
+        )
 
     def _features(self, pose: Pose2) -> Array:
         return features_at(self._config.leds.points, pose, self._config.camera.mount)
 
-    def _replay(self, reason: str) -> Twist:
+    def _replay(self, reason: str, mission: Mission) -> Twist:
         self._replayed += 1
         if self._plan is None or self._replayed > MAX_REPLAYED_PLANS:
             self._plan = None
             return Twist(0.0, 0.0, f"hold: {reason}")
-        k = self._replayed
-        return Twist(float(self._plan.v_m_s[k]), float(self._plan.w_rad_s[k]), f"previous plan: {reason}")
-
-    def _towards(self, speed_m_s: float) -> float:
-        """Within one step of the rate limit from the last command."""
-        step = self._config.limits.controller_dv_m_s
-        return self._last[0] + min(step, max(-step, speed_m_s - self._last[0]))
+        planned = float(self._plan.v_m_s[self._replayed]), float(self._plan.w_rad_s[self._replayed])
+        kept = limited(planned, self._last, self._caps(mission), self._config.limits)
+        return Twist(*kept, f"previous plan: {reason}")

@@ -63,6 +63,7 @@ class ControllerNode(Node):
         if done_ns - now_ns > self._deadline_ns:
             _log.warning("a solve of %.0f ms is dropped", (done_ns - now_ns) / NS_PER_MS)
             return ()
+        self._controller.commit(twist)
         self._commanded_ns = done_ns
         mission = inputs.newest(MISSION)
         epoch = mission.message.epoch if mission else 0

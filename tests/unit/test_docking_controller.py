@@ -13,7 +13,7 @@ from common.config import Config, ConfigError, load_config
 from common.geometry import Pose2, features_at
 from common.messages import DockingState, Mission
 from common.timing import NS_PER_MS
-from follower.controller.docking import MAX_REPLAYED_PLANS, DockingController
+from follower.controller.docking import MAX_REPLAYED_PLANS, DockingController, Twist
 from follower.controller.interface import Plan, PlanStatus
 from tests.unit.test_supervisor import Bench, docking_state
 
@@ -33,6 +33,13 @@ class Puppet:
         self.asked.append(question)
         v = np.linspace(0.10, 0.14, 5)
         return Plan(self.status, v, -v, 0.0, 1, np.zeros((6, 3)))
+
+
+def driven(controller: DockingController, state: DockingState | None, mission: Mission) -> float:
+    """One step whose twist is published; its speed."""
+    twist = controller.step(0, state, mission, None)
+    controller.commit(twist)
+    return twist.v_m_s
 
 
 @pytest.fixture
@@ -68,7 +75,7 @@ def test_caps_of_the_mission_lower_those_of_the_configuration(
 def test_it_plans_from_where_the_command_takes_effect(config: Config, mission: Mission, seen: DockingState) -> None:
     puppet = Puppet()
     DockingController(config, puppet).step(30 * NS_PER_MS, seen, mission, (0.4, 0.0))
-    ahead_s = 0.030 + config.base.latency_ms / 1000
+    ahead_s = max(0.030, config.base.latency_ms / 1000)
     assert puppet.asked[0][0].x_m == pytest.approx(5.0 - 0.4 * ahead_s)
 
 
@@ -77,24 +84,53 @@ def test_a_failed_plan_is_bridged_by_the_last_one_for_two_periods(
 ) -> None:
     puppet = Puppet()
     controller = DockingController(config, puppet)
-    assert controller.step(0, seen, mission, None).v_m_s == pytest.approx(0.10)
+    controller.commit(Twist(0.09, -0.09, ""))
+    assert driven(controller, seen, mission) == pytest.approx(0.10)
     puppet.status = PlanStatus.INFEASIBLE
-    bridged = [controller.step(0, seen, mission, None).v_m_s for _ in range(MAX_REPLAYED_PLANS + 2)]
+    bridged = [driven(controller, seen, mission) for _ in range(MAX_REPLAYED_PLANS + 2)]
     assert bridged == pytest.approx([0.11, 0.12, 0.0, 0.0])
 
 
 def test_a_gap_of_states_is_bridged_and_then_held(config: Config, mission: Mission, seen: DockingState) -> None:
     controller = DockingController(config, Puppet())
-    controller.step(0, seen, mission, None)
-    assert [controller.step(0, None, mission, None).v_m_s for _ in range(3)] == pytest.approx([0.11, 0.12, 0.0])
+    controller.commit(Twist(0.09, -0.09, ""))
+    driven(controller, seen, mission)
+    assert [driven(controller, None, mission) for _ in range(3)] == pytest.approx([0.11, 0.12, 0.0])
     assert controller.step(0, seen, mission, None).source == "solved"
 
 
 def test_straight_motion_keeps_the_rate_limit(config: Config, mission: Mission, seen: DockingState) -> None:
     controller = DockingController(config, Puppet())
     straight = replace(mission, motion="straight", straight_speed_m_s=0.05)
-    speeds = [controller.step(0, seen, straight, None).v_m_s for _ in range(4)]
+    controller.commit(Twist(0.0, 0.2, ""))
+    speeds = [driven(controller, seen, straight) for _ in range(4)]
     assert speeds == pytest.approx([0.02, 0.04, 0.05, 0.05])
+
+
+def test_a_turn_ends_within_the_rate_limit_too(config: Config, mission: Mission, seen: DockingState) -> None:
+    controller = DockingController(config, Puppet())
+    controller.commit(Twist(0.05, 0.2, ""))
+    straight = replace(mission, motion="straight", straight_speed_m_s=0.05, w_max_rad_s=0.0)
+    assert controller.step(0, seen, straight, None).w_rad_s == pytest.approx(0.12)
+
+
+def test_what_was_not_published_does_not_count(config: Config, mission: Mission, seen: DockingState) -> None:
+    controller = DockingController(config, Puppet())
+    straight = replace(mission, motion="straight", straight_speed_m_s=0.05)
+    for _ in range(3):
+        late = controller.step(0, seen, straight, None)
+    assert late.v_m_s == pytest.approx(config.limits.controller_dv_m_s)
+
+
+def test_a_bridging_plan_keeps_caps_that_were_lowered_meanwhile(
+    config: Config, mission: Mission, seen: DockingState
+) -> None:
+    controller = DockingController(config, Puppet())
+    controller.commit(Twist(0.09, -0.09, ""))
+    driven(controller, seen, mission)
+    slow = replace(mission, v_max_m_s=0.05, w_max_rad_s=0.05)
+    twist = controller.step(0, None, slow, None)
+    assert (twist.v_m_s, twist.w_rad_s) == pytest.approx((0.08, -0.05))
 
 
 def test_the_papers_method_compensates_what_its_observer_sees_within_the_rate_limit(
