@@ -52,7 +52,13 @@ class DockingController:
     ) -> Twist:
         """The twist to command now.
 
-        ``state`` is None in a gap of states; ``wheels`` is the twist measured at the wheels, None if not known.
+        Without a state nothing moves for long, and forwards not without a valid one.
+
+        Args:
+            now_ns: the time.
+            state: the newest, None in a gap of states.
+            mission: fresh, or None.
+            wheels: the twist measured at the wheels, None if it is not known.
         """
         if mission is None or not mission.armed or mission.motion == "hold":
             self._plan = None
@@ -60,11 +66,13 @@ class DockingController:
             if self._paper is not None:
                 self._paper.reset()
             return ZERO
-        if mission.motion == "straight":
+        if state is None:
+            return self._replay("no state", mission)
+        if mission.motion == "straight" and (state.valid or mission.straight_speed_m_s < 0):
             self._plan = None
             wanted = (mission.straight_speed_m_s, 0.0)
             return Twist(*limited(wanted, self._last, self._caps(mission), self._config.limits), "straight")
-        if state is None or not state.valid:
+        if mission.motion == "straight" or not state.valid:
             return self._replay("no valid state", mission)
         return self._servo(now_ns, state, mission, wheels)
 

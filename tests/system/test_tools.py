@@ -31,7 +31,7 @@ def test_camera_and_teaching_on_a_running_robot(sim_run: Any, tmp_path: Path) ->
     assert image.shape == (1024, 1280)
     assert image.max() > 100
     focus = davpc("camera", "focus", "--runtime", runtime, "--frames", "5")
-    assert focus.returncode == 0, focus.stderr
+    assert focus.returncode == 0, focus.stderr + "".join(run.lines)
     assert "4 spots" in focus.stdout
     moving = davpc("teach", "1", "--runtime", runtime, "--frames", "30", "--out", str(tmp_path / "taught.json"))
     assert moving.returncode == 2

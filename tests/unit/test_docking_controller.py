@@ -107,6 +107,16 @@ def test_straight_motion_keeps_the_rate_limit(config: Config, mission: Mission, 
     assert speeds == pytest.approx([0.02, 0.04, 0.05, 0.05])
 
 
+def test_straight_motion_stops_without_a_state_and_forwards_without_a_valid_one(
+    config: Config, mission: Mission, seen: DockingState
+) -> None:
+    lost = replace(seen, valid=False, cause="few_leds")
+    for speed, state, moves in ((0.05, None, False), (-0.1, None, False), (0.05, lost, False), (-0.1, lost, True)):
+        controller = DockingController(config, Puppet())
+        twist = controller.step(0, state, replace(mission, motion="straight", straight_speed_m_s=speed), None)
+        assert (twist.v_m_s != 0.0) == moves
+
+
 def test_a_turn_ends_within_the_rate_limit_too(config: Config, mission: Mission, seen: DockingState) -> None:
     controller = DockingController(config, Puppet())
     controller.commit(Twist(0.05, 0.2, ""))
