@@ -254,7 +254,12 @@ class Gate:
     # -- rules that limit it
 
     def _limit(self, now_ns: int, command: Command, token: ArmToken, clipped: list[str]) -> tuple[float, float]:
-        """Caps, rate, window; each scales v and ω together. A cap that was lowered holds at once: the drive ramps."""
+        """Caps, rate, window; each scales v and ω together.
+
+        A cap that was lowered, and a command to stand, hold at once: the drive ramps.
+        """
+        if command.v_m_s == 0.0 and command.w_rad_s == 0.0:
+            return 0.0, 0.0
         scale = self._cap_scale(command.v_m_s, command.w_rad_s, token)
         dv, dw = command.v_m_s * scale - self._v, command.w_rad_s * scale - self._w
         dt_s = self._step_s(now_ns)

@@ -103,6 +103,15 @@ def test_ramps_up_to_the_command_and_follows_it() -> None:
     assert (last.v_m_s, last.rule, last.clipped, last.dropped, last.sequence) == (0.3, "", (), "", 82)
 
 
+def test_a_command_to_stand_is_obeyed_at_once_and_any_other_at_its_rate() -> None:
+    bench = Bench()
+    bench.drive(0.3, 0.2)
+    assert bench.order(0.0, 0.2).v_m_s > 0.29
+    assert bench.order(0.3, 0.0).w_rad_s > 0.1
+    stood = bench.order(0.0, 0.0)
+    assert (stood.v_m_s, stood.w_rad_s, stood.rule, stood.clipped) == (0.0, 0.0, "", ())
+
+
 def test_turns_at_its_own_rate() -> None:
     bench = Bench()
     bench.order(0.0, 0.5)
