@@ -9,6 +9,7 @@ judged by χ². A rival that fits nearly as well makes the answer "not sure".
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
@@ -21,6 +22,7 @@ from follower.estimator.planar_fit import FitModel, fit
 
 Indices = NDArray[np.intp]
 Failure = Literal["few_spots", "no_match", "ambiguous"]
+Agrees = Callable[[Array, Array], NDArray[np.bool_]]
 
 _HEADINGS_RAD = np.radians(np.linspace(-64.0, 64.0, 17))
 _NEAREST_M, _FARTHEST_M = 0.5, 14.0
@@ -77,25 +79,29 @@ class Identifier:
         self._height = t_z - points[:, 2]
         self._bases = _base_pairs(points)
 
-    def identify(self, features: Array, mass: Array, allow_partial: bool) -> Match | Failure:
+    def identify(
+        self, features: Array, mass: Array, allow_partial: bool, agrees: Agrees | None = None
+    ) -> Match | Failure:
         """Find the array among N candidate spots.
 
         Args:
             features: (N, 2) normalised coordinates of the candidates.
             mass: (N,) brightness of the candidates; LEDs of one array are of a like brightness.
             allow_partial: also accept all LEDs but one, if nothing else explains the image.
+            agrees: which fits, states (K, 5) with covariance (K, 5, 5), may be the array at all; where only others
+                are found, the answer is ``ambiguous``. None: it may be anywhere.
         """
         leds = len(self._height)
         possible = self._possible(features)
         if len(possible) < leds - int(allow_partial):
             return "few_spots"
-        found = self._search(features[possible], mass[possible], allow_partial)
+        found = self._search(features[possible], mass[possible], allow_partial, agrees)
         if not isinstance(found, Match):
             return found
         spots = tuple(int(possible[spot]) if spot >= 0 else -1 for spot in found.spot_of_led)
         return replace(found, spot_of_led=spots)
 
-    def _search(self, features: Array, mass: Array, allow_partial: bool) -> Match | Failure:
+    def _search(self, features: Array, mass: Array, allow_partial: bool, agrees: Agrees | None) -> Match | Failure:
         allow_partial = allow_partial and len(features) <= self._limits.most_for_partial
         assignments, starts = self._trials(features, mass)
         if not len(assignments):
@@ -107,11 +113,13 @@ class Identifier:
             rows = np.flatnonzero(missing == absent)
             if absent and not allow_partial:
                 break
-            verdict = self._judge(features, assignments[rows], starts[rows], bound)
+            verdict = self._judge(features, assignments[rows], starts[rows], bound, agrees)
             if isinstance(verdict, Match) and absent and _another_nearby(verdict, features, mass):
                 return "ambiguous"
             if verdict != "no_match":
                 return verdict
+        if agrees is not None:
+            return "no_match" if self._search(features, mass, allow_partial, None) == "no_match" else "ambiguous"
         return "no_match"
 
     def _possible(self, features: Array) -> Indices:
@@ -120,12 +128,17 @@ class Identifier:
         beta = features[:, 1]
         return np.flatnonzero((beta >= ends.min() - _MAX_PITCH) & (beta <= ends.max() + _MAX_PITCH))
 
-    def _judge(self, features: Array, assignments: Indices, starts: Array, bound: float) -> Match | Failure:
+    def _judge(
+        self, features: Array, assignments: Indices, starts: Array, bound: float, agrees: Agrees | None
+    ) -> Match | Failure:
         if not len(assignments):
             return "no_match"
         chosen = np.where((assignments >= 0)[:, :, None], features[assignments], np.nan)
         fits = fit(self._model, chosen, starts)
-        chi2 = np.where(self._plausible(fits.states) & fits.in_front, fits.chi2, np.inf)
+        possible = self._plausible(fits.states) & fits.in_front
+        if agrees is not None:
+            possible &= agrees(fits.states, fits.covariance)
+        chi2 = np.where(possible, fits.chi2, np.inf)
         order = np.argsort(chi2)
         best = int(order[0])
         if not chi2[best] <= bound:

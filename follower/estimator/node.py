@@ -14,6 +14,8 @@ from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
 from follower.estimator.state import StateEstimator
 
+_NO_DOCKING = ("idle", "done", "aborted")
+
 
 class EstimatorNode(Node):
     """Steps with each frame; without one it says so at 20 Hz."""
@@ -39,6 +41,8 @@ class EstimatorNode(Node):
         drives = inputs.fresh(DRIVES, now_ns)
         twist = twist_from_wheels(self._base, drives.wheel_speed_rad_s) if drives else (0.0, 0.0)
         mission = inputs.newest(MISSION)
+        if mission is None or mission.message.phase in _NO_DOCKING:
+            self._estimator.let_go()
         desired = np.array(mission.message.desired_features) if mission else None
         return ((DOCKING_STATE, self._estimator.step(frame, self._reader.read(frame), twist, desired)),)
 

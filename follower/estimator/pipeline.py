@@ -1,8 +1,9 @@
 """Frame → Detection: spots, identification or tracking, both routes to θ, and why a frame says nothing.
 
 A new lock is used only after it has held for some frames. When the array is lost, the state is carried on by
-the measured twist for a while and the array looked for around it; after that, anywhere. What is carried on is
-never reported as seen: every frame without the array is invalid, with its cause.
+the measured twist for a while and the array looked for around it; after that, in the whole image, but only where
+the wheels can have brought it since. What is carried on is never reported as seen: every frame without the array is
+invalid, with its cause.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from common.frame_ring import Image
 from common.geometry import Array, Pose2
 from common.messages import StateCause
 from common.timing import NS_PER_MS, NS_PER_S
+from follower.estimator.dead_reckoning import DeadReckoning
 from follower.estimator.homography import array_normal, theta_from_homography
 from follower.estimator.identification import Failure, Identifier, Limits, Match
 from follower.estimator.image_health import ImageHealth
@@ -105,8 +107,13 @@ class Perception:
         self._identifier = Identifier(self._model, Limits())
         self._tracker = ArrayTracker(self._model, self._lens, estimator.gate_px)
         self._health = ImageHealth((camera.height_px, camera.width_px))
+        self._reckoning = DeadReckoning(estimator)
         self._track: _Track | None = None
         self._failures = 0
+
+    def let_go(self) -> None:
+        """No docking goes on: the next array may be another one, anywhere."""
+        self._reckoning.forget()
 
     def process(
         self,
@@ -131,6 +138,8 @@ class Perception:
         nowhere = np.full((len(self._points), 2), np.nan)
         nothing = Detection(frame_sequence, capture_ns, False, "no_frame", nowhere, nowhere)
         seen = self._health.look(image, capture_ns)
+        if seen.cause != "stale_frame":
+            self._reckoning.drive(capture_ns, twist)
         if image is None or seen.cause is not None:
             return replace(nothing, cause=seen.cause or "no_frame")
         rule = self._rule(seen.background)
@@ -141,7 +150,10 @@ class Perception:
             detection = replace(detection, cause=seen.exposure)
         if self._health.frozen(detection.features, moving=abs(twist[0]) > _MOVING or abs(twist[1]) > _MOVING):
             return replace(detection, valid=False, cause="frozen_camera")
-        if not detection.valid or detection.pose is None or desired_features is None:
+        if not detection.valid or detection.pose is None or detection.covariance is None:
+            return detection
+        self._reckoning.seen(detection.pose, detection.covariance, capture_ns)
+        if desired_features is None:
             return detection
         expected = predicted or detection.pose
         theta = theta_from_homography(detection.features, desired_features, self._normal, expected.theta_rad)
@@ -227,7 +239,10 @@ class Perception:
         candidates = brightest(spots, MOST_CANDIDATES)
         partial = self._failures >= _PARTIAL_AFTER and self._settings.method == "davpc"
         match = self._identifier.identify(
-            self._lens.to_normalised(candidates.pixels), candidates.mass, allow_partial=partial
+            self._lens.to_normalised(candidates.pixels),
+            candidates.mass,
+            allow_partial=partial,
+            agrees=self._reckoning.agrees if self._reckoning.known else None,
         )
         found = self._taken(candidates, list(match.spot_of_led), match.state) if isinstance(match, Match) else None
         if found is None:

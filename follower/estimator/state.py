@@ -34,6 +34,11 @@ class StateEstimator:
         self._seen = 0
         self._dropped = 0
 
+    def let_go(self) -> None:
+        """No docking goes on: once lost, the array may be another one, anywhere. Nothing while it is in sight."""
+        if self._measured_ns is None:
+            self._perception.let_go()
+
     def step(
         self, frame: Frame, image: Image | None, twist: tuple[float, float], desired_features: Array | None
     ) -> DockingState:

@@ -108,6 +108,25 @@ def test_another_leaders_array_is_never_taken_for_ours(config: Config, optics: O
     assert scene_metrics([later])["wrong_led_frames"] == 0
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_another_leader_is_not_taken_while_somebody_hides_ours(config: Config, optics: Optics, seed: int) -> None:
+    beside = SecondArray(Pose2(0.5, 2.0, 0.1), start_s=0.6)
+    scene = Scene(others=(beside,), walkers=(Walker((-1.0, -1.6), (0.0, 1.2), 0.7),))
+    counted = scene_metrics([looks(config, optics, scene, seed, 240)])
+    assert counted["losses"] >= 1
+    assert counted["false_locks"] == counted["wrong_led_frames"] == 0
+    assert counted["relock_max_s"] <= 0.5
+
+
+def test_another_leader_is_not_taken_after_ours_went_dark_for_good(config: Config, optics: Optics) -> None:
+    dark = tuple(LedFault(led, 0.0, 0.4) for led in range(4))
+    scene = Scene(faults=dark, others=(SecondArray(Pose2(0.5, 2.0, 0.1), start_s=0.4),))
+    seen = looks(config, optics, scene, 0, 150)
+    assert seen[20].detection.valid
+    assert not any(look.detection.valid for look in seen[30:])
+    assert "ambiguous" in {look.detection.cause for look in seen[30:]}
+
+
 def test_a_mirrored_array_alone_is_never_accepted(config: Config, optics: Optics) -> None:
     only_mirror = Scene(leds_lit=False, others=(SecondArray(Pose2(0.0, 0.0, 0.0), mirrored=True),))
     assert not any(look.detection.valid for look in looks(config, optics, only_mirror, 1, 90))
