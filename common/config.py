@@ -83,12 +83,24 @@ class CameraConfig(Section):
         return np.radians(self.mount_tilt_deg)
 
 
+class BrightnessConfig(Section):
+    """How bright one LED is in the image, from one look at it: what is far from it is no LED."""
+
+    grey_per_us_at_1_m: Annotated[float, Field(gt=0, description="peak at 1 A, gain 1, on its axis, before clipping")]
+    speck_px: Annotated[float, Field(gt=0, le=20, description="over which its image falls to 1/e, along a row")]
+    factor: Annotated[float, Field(ge=2, description="up to which it may differ, both ways")]
+
+
 class LedsConfig(Section):
-    """The Leader's array: LED positions in {L}, beam and nominal current."""
+    """The Leader's array: LED positions in {L}, beam and nominal current.
+
+    Without ``brightness`` the absolute brightness of spots is not checked.
+    """
 
     positions_m: Annotated[tuple[Xyz, ...], Field(min_length=4, max_length=12)]
     full_beam_deg: Annotated[float, Field(gt=0, le=180)]
     current_a: Annotated[float, Field(gt=0, le=5)]
+    brightness: BrightnessConfig | None = None
 
     @cached_property
     def points(self) -> Array:

@@ -43,12 +43,14 @@ class Limits:
     ``chi2_full``/``chi2_partial`` bound χ² with every LED seen and with one missing; a rival within
     ``margin`` of the best χ² (or below its bound) makes the match ambiguous. With one LED missing, three spots
     among more than ``most_for_partial`` prove nothing, and neither do three beside a fourth of like brightness.
+    Above ``most_for_loose`` spots ``chi2_full`` falls with their number: so many chances has coincidence.
     """
 
     chi2_full: float = 15.0
     chi2_partial: float = 8.0
     margin: float = 30.0
     most_for_partial: int = 8
+    most_for_loose: int = 10
 
 
 @dataclass(frozen=True)
@@ -107,20 +109,42 @@ class Identifier:
         if not len(assignments):
             return "no_match"
         missing = (assignments < 0).sum(axis=1)
+        full = self._limits.chi2_full * min(1.0, self._limits.most_for_loose / len(features))
         if allow_partial:
             assignments, starts, missing = _with_one_left_out(assignments, starts, missing)
-        for absent, bound in ((0, self._limits.chi2_full), (1, self._limits.chi2_partial)):
+        for absent, bound in ((0, full), (1, self._limits.chi2_partial)):
             rows = np.flatnonzero(missing == absent)
             if absent and not allow_partial:
                 break
             verdict = self._judge(features, assignments[rows], starts[rows], bound, agrees)
             if isinstance(verdict, Match) and absent and _another_nearby(verdict, features, mass):
                 return "ambiguous"
+            if isinstance(verdict, Match) and not absent and agrees is None:
+                return "ambiguous" if self._second_array(verdict, features, mass) else verdict
             if verdict != "no_match":
                 return verdict
         if agrees is not None:
             return "no_match" if self._search(features, mass, allow_partial, None) == "no_match" else "ambiguous"
         return "no_match"
+
+    def _second_array(self, match: Match, features: Array, mass: Array) -> bool:
+        """Whether what the match leaves unexplained holds another array of like brightness, one LED hidden perhaps.
+
+        Among more than a few spots some three always fit, which proves nothing.
+        """
+        others = np.setdiff1d(np.arange(len(features)), match.spot_of_led)
+        ratio = mass[others] / np.median(mass[list(match.spot_of_led)])
+        others = others[np.abs(np.log(ratio)) <= np.log(_MASS_RATIO)]
+        if not len(self._height) - 1 <= len(others) <= self._limits.most_for_partial:
+            return False
+        assignments, starts = self._trials(features[others], mass[others])
+        if not len(assignments):
+            return False
+        partial = (assignments < 0).sum(axis=1) == 1
+        verdict = self._judge(
+            features[others], assignments[partial], starts[partial], self._limits.chi2_partial, None
+        )
+        return verdict != "no_match"
 
     def _possible(self, features: Array) -> Indices:
         """Candidates as high in the image as a LED can be."""

@@ -18,6 +18,7 @@ from common.frame_ring import Image
 from common.geometry import Array, Pose2
 from common.messages import StateCause
 from common.timing import NS_PER_MS, NS_PER_S
+from follower.estimator.brightness import LedBrightness
 from follower.estimator.dead_reckoning import DeadReckoning
 from follower.estimator.homography import array_normal, theta_from_homography
 from follower.estimator.identification import Failure, Identifier, Limits, Match
@@ -32,6 +33,7 @@ TILT_SIGMA_RAD = math.radians(0.7)
 MOST_CANDIDATES = 40
 _REGION_HALF_PX = 20
 _CONFIRM_FULL, _CONFIRM_PARTIAL = 4, 20
+_FEW_CANDIDATES = 10
 _PARTIAL_AFTER = 12
 _MOVING = 0.02  # m/s or rad/s
 _KEEP_NS = 1_250 * NS_PER_MS
@@ -107,6 +109,8 @@ class Perception:
         self._identifier = Identifier(self._model, Limits())
         self._tracker = ArrayTracker(self._model, self._lens, estimator.gate_px)
         self._health = ImageHealth((camera.height_px, camera.width_px))
+        checked = config.leds.brightness is not None and estimator.method == "davpc"
+        self._brightness = LedBrightness(config.leds, camera) if checked else None
         self._reckoning = DeadReckoning(estimator)
         self._track: _Track | None = None
         self._failures = 0
@@ -249,9 +253,14 @@ class Perception:
             self._failures += 1
             cause = "residual" if isinstance(match, Match) else _CAUSES[match]
             return replace(nothing, cause=cause, spots=len(spots))
+        if self._brightness is not None and not self._brightness.fits(found.fitted.state, found.mass, rule.threshold):
+            self._failures += 1
+            return replace(nothing, cause="not_identified", spots=len(spots))
         self._failures = 0
         partial = bool(np.isnan(found.features).any())
         to_confirm = _CONFIRM_PARTIAL if partial else _CONFIRM_FULL
+        if not self._reckoning.known:  # nothing but its looks speaks for it, and coincidence has more chances
+            to_confirm += max(0, len(candidates) - _FEW_CANDIDATES) // 2
         if self._settings.method == "paper":
             to_confirm = 0
         self._track = _Track(nothing.capture_ns, found.fitted.state, found.features, found.mass, to_confirm)

@@ -15,7 +15,7 @@ from common.geometry import Array
 
 Weighting = Literal["paper", "above_threshold"]
 SATURATED = 250
-_PEAK_FRACTION = 0.4
+PEAK_FRACTION = 0.4
 _SPLIT_FRACTIONS = (0.55, 0.75, 0.9)
 _LONG = 1.4
 
@@ -146,7 +146,7 @@ def _measure(box: Image, x0: int, y0: int, rule: SpotRule) -> _Row | None:
     if rule.weighting == "paper":
         _, weights = cv2.threshold(box, rule.threshold, 255, cv2.THRESH_TOZERO)
     else:
-        level = np.uint8(max(rule.threshold, int(_PEAK_FRACTION * peak)))
+        level = np.uint8(max(rule.threshold, int(PEAK_FRACTION * peak)))
         weights = np.maximum(box, level) - level
     moments = cv2.moments(weights)
     mass = moments["m00"]

@@ -103,6 +103,8 @@ def test_another_leaders_array_is_never_taken_for_ours(config: Config, optics: O
     beside = SecondArray(Pose2(0.5, 2.0, 0.1))
     both = looks(config, optics, Scene(others=(beside,)), 0, 60)
     assert {look.detection.cause for look in both} == {"ambiguous"}
+    ours_has_a_dark_led = looks(config, optics, Scene(others=(beside,), faults=(LedFault(1, 0.0),)), 0, 60)
+    assert {look.detection.cause for look in ours_has_a_dark_led} == {"ambiguous"}
     later = looks(config, optics, Scene(others=(replace(beside, start_s=0.3),)), 0, 90)
     assert later[-1].detection.valid
     assert scene_metrics([later])["wrong_led_frames"] == 0
