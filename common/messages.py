@@ -48,6 +48,7 @@ StateCause = Literal[
     "frozen_camera",
     "overexposed",
     "underexposed",
+    "noisy",
     "few_leds",
     "not_identified",
     "ambiguous",

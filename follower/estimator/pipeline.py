@@ -20,13 +20,14 @@ from common.messages import StateCause
 from common.timing import NS_PER_MS, NS_PER_S
 from follower.estimator.brightness import LedBrightness
 from follower.estimator.dead_reckoning import DeadReckoning
+from follower.estimator.detection import Detection
 from follower.estimator.homography import array_normal, theta_from_homography
 from follower.estimator.identification import Failure, Identifier, Limits, Match
-from follower.estimator.image_health import ImageHealth
+from follower.estimator.image_health import ImageHealth, ImageReport
 from follower.estimator.lens import Lens
 from follower.estimator.planar_fit import FitModel
 from follower.estimator.single_fit import PlanarFit, fit_one, levelled
-from follower.estimator.spots import SpotRule, Spots, brightest, find_spots, find_spots_near
+from follower.estimator.spots import NoisyImageError, SpotRule, Spots, brightest, find_spots, find_spots_near
 from follower.estimator.tracking import ArrayTracker, Followed, nearest_within, predict_features, predict_state
 
 TILT_SIGMA_RAD = math.radians(0.7)
@@ -43,40 +44,6 @@ _CAUSES: dict[Failure, StateCause] = {
     "no_match": "not_identified",
     "ambiguous": "ambiguous",
 }
-
-
-@dataclass(frozen=True)
-class Detection:
-    """What one frame says about the array.
-
-    Attributes:
-        frame_sequence, capture_ns: the frame.
-        valid: whether features and pose may be used; else ``cause`` says why not.
-        features: (n, 2) normalised [α, β] by LED as measured, NaN where not seen.
-        features_level: (n, 2) the same as a camera without the fitted pitch and roll would see them.
-        spots: candidates found, in the whole frame or in the tracked regions.
-        leds_seen: LEDs that were matched.
-        theta_homography_rad: θ_L^F of the paper's homography; None where it has no solution.
-        pose: fitted pose of {L} in {F}; None without a fit, as is the covariance.
-        pitch_rad, roll_rad: camera tilt away from its mounting: up, right side down.
-        covariance: (3, 3) of x [m], y [m], θ [rad].
-        residual_px: root mean square of the fit's reprojection errors.
-    """
-
-    frame_sequence: int
-    capture_ns: int
-    valid: bool
-    cause: StateCause
-    features: Array
-    features_level: Array
-    spots: int = 0
-    leds_seen: int = 0
-    theta_homography_rad: float | None = None
-    pose: Pose2 | None = None
-    pitch_rad: float = 0.0
-    roll_rad: float = 0.0
-    covariance: Array | None = None
-    residual_px: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -147,11 +114,16 @@ class Perception:
         if image is None or seen.cause is not None:
             return replace(nothing, cause=seen.cause or "no_frame")
         rule = self._rule(seen.background)
-        detection = self._followed(image, rule, nothing, twist, predicted)
-        if detection is None:
-            detection = self._identified(image, rule, nothing)
-        if not detection.spots and seen.exposure is not None:
-            detection = replace(detection, cause=seen.exposure)
+        track = self._track
+        try:
+            detection = self._followed(image, rule, nothing, twist, predicted)
+            if detection is None:
+                detection = self._identified(image, rule, nothing)
+        except NoisyImageError:
+            self._track = track
+            return replace(nothing, cause="noisy")
+        if detection.pose is None:
+            detection = replace(detection, cause=self._exposure(image, rule, seen, detection))
         if self._health.frozen(detection.features, moving=abs(twist[0]) > _MOVING or abs(twist[1]) > _MOVING):
             return replace(detection, valid=False, cause="frozen_camera")
         if not detection.valid or detection.pose is None or detection.covariance is None:
@@ -162,6 +134,20 @@ class Perception:
         expected = predicted or detection.pose
         theta = theta_from_homography(detection.features, desired_features, self._normal, expected.theta_rad)
         return replace(detection, theta_homography_rad=theta)
+
+    def _exposure(self, image: Image, rule: SpotRule, seen: ImageReport, detection: Detection) -> StateCause:
+        """Why nothing was found: the exposure, if it is that; the array may show only at a lower threshold."""
+        if seen.exposure is not None:
+            return seen.exposure
+        dim = round(seen.background + self._settings.threshold / 6)
+        if detection.cause != "few_leds" or dim >= rule.threshold:
+            return detection.cause
+        try:
+            spots = brightest(find_spots(image, replace(rule, threshold=dim)), MOST_CANDIDATES)
+        except NoisyImageError:
+            return detection.cause
+        match = self._identifier.identify(self._lens.to_normalised(spots.pixels), spots.mass, allow_partial=False)
+        return "underexposed" if isinstance(match, Match) else detection.cause
 
     def _rule(self, background: float) -> SpotRule:
         """λ_I as configured for the paper's method, else half of it above the background."""

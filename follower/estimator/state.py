@@ -11,8 +11,9 @@ from common.frame_ring import Image
 from common.geometry import Array, Pose2, features_at
 from common.messages import DockingState, Frame, StateCause
 from common.timing import NS_PER_MS
+from follower.estimator.detection import Detection
 from follower.estimator.observer import RelativeObserver
-from follower.estimator.pipeline import Detection, Perception
+from follower.estimator.pipeline import Perception
 
 # frames in a row that the observer may refuse before it starts anew from what perception sees
 _REFUSED_LIMIT = 6

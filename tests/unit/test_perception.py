@@ -9,8 +9,9 @@ import pytest
 
 from common.config import Config
 from common.geometry import Pose2, features_at, move_relative
+from follower.estimator.detection import Detection
 from follower.estimator.image_health import ImageHealth
-from follower.estimator.pipeline import Detection, Perception
+from follower.estimator.pipeline import Perception
 from sim.optics import Optics, View
 
 PERIOD_NS = 16_666_667
@@ -68,6 +69,21 @@ def test_bad_images_are_named_never_raised(config: Config) -> None:
         seen: Detection = Perception(config).process(image, 1, PERIOD_NS, (0.0, 0.0), None)  # type: ignore[arg-type]
         assert (seen.valid, seen.cause) == (False, cause)
         assert np.isnan(seen.features).all()
+
+
+def test_an_image_of_noise_is_named_and_the_track_outlives_it(config: Config, shoot: Shoot) -> None:
+    pose = Pose2(4.0, 0.0, 0.0)
+    perception, last = locked(config, shoot, pose)
+    lost = perception.process(
+        shoot(Pose2(-4.0, 0.0, 0.0), last + 1), last + 1, (last + 1) * PERIOD_NS, (0.0, 0.0), None
+    )
+    assert lost.cause == "coasting"
+    salt = np.where(np.random.default_rng(0).random((1024, 1280)) < 0.05, 255, 0).astype(np.uint8)
+    fresh = Perception(config).process(salt, 1, PERIOD_NS, (0.0, 0.0), None)
+    assert (fresh.valid, fresh.cause) == (False, "noisy")
+    now = last + 2
+    assert not perception.process(salt, now, now * PERIOD_NS, (0.0, 0.0), None).valid
+    assert perception.process(shoot(pose, now + 1), now + 1, (now + 1) * PERIOD_NS, (0.0, 0.0), None).valid
 
 
 def locked(config: Config, shoot: Shoot, pose: Pose2) -> tuple[Perception, int]:

@@ -141,9 +141,15 @@ def test_forty_lamps_without_the_array_give_no_lock(config: Config, optics: Opti
 
 def test_wrong_exposure_is_survived_or_named(config: Config, optics: Optics) -> None:
     bright = looks(config, optics, Scene(exposure_factor=6.0), 1, 60)
-    dim = looks(config, optics, Scene(exposure_factor=0.02), 1, 60)
     assert bright[-1].detection.valid
-    assert {look.detection.cause for look in dim} == {"few_leds"}
+    dim = looks(config, optics, Scene(exposure_factor=0.07), 1, 60)
+    assert [look.detection.cause for look in dim].count("underexposed") > 50
+    glaring = looks(config, optics, Scene(ambient_grey=250.0), 1, 20)
+    assert {look.detection.cause for look in glaring} <= {"overexposed", "noisy"}
+
+
+def test_leds_that_are_off_are_no_matter_of_exposure(config: Config, optics: Optics) -> None:
+    assert {look.detection.cause for look in looks(config, optics, Scene(leds_lit=False), 1, 20)} == {"few_leds"}
 
 
 def test_clean_is_the_default() -> None:
