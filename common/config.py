@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -83,12 +84,24 @@ class CameraConfig(Section):
         return np.radians(self.mount_tilt_deg)
 
 
+class BrightnessConfig(Section):
+    """How bright one LED is in the image, from one look at it: what is far from it is no LED."""
+
+    grey_per_us_at_1_m: Annotated[float, Field(gt=0, description="peak at 1 A, gain 1, on its axis, before clipping")]
+    speck_px: Annotated[float, Field(gt=0, le=20, description="over which its image falls to 1/e, along a row")]
+    factor: Annotated[float, Field(ge=2, description="up to which it may differ, both ways")]
+
+
 class LedsConfig(Section):
-    """The Leader's array: LED positions in {L}, beam and nominal current."""
+    """The Leader's array: LED positions in {L}, beam and nominal current.
+
+    Without ``brightness`` the absolute brightness of spots is not checked.
+    """
 
     positions_m: Annotated[tuple[Xyz, ...], Field(min_length=4, max_length=12)]
     full_beam_deg: Annotated[float, Field(gt=0, le=180)]
     current_a: Annotated[float, Field(gt=0, le=5)]
+    brightness: BrightnessConfig | None = None
 
     @cached_property
     def points(self) -> Array:
@@ -101,6 +114,12 @@ class LedsConfig(Section):
         singular = np.linalg.svd(centred, compute_uv=False)
         if singular[1] < 0.05:
             raise ValueError("the LEDs are collinear: the relative pose cannot be told from them")
+        for a, b in combinations(range(len(self.points)), 2):
+            if np.linalg.norm(self.points[a] - self.points[b]) < 0.04:
+                raise ValueError(f"the LEDs {a} and {b} lie within 4 cm: from afar they are one spot")
+        if len(self.points) == 4:
+            for three in combinations(range(4), 3):
+                _check_triangle(self.points[list(three)], three)
         if singular[2] > 0.02:
             raise ValueError("the LEDs are not coplanar: the homography of the paper does not exist")
         if mirror_deviation_m(self.points) < 0.05:
@@ -108,6 +127,17 @@ class LedsConfig(Section):
                 "the LEDs are symmetric: in a pane of glass the mirror image looks like the array itself"
             )
         return self
+
+
+def _check_triangle(corners: Array, rows: tuple[int, ...]) -> None:
+    """Of four LEDs any three must do when the other is hidden.
+
+    Raises:
+        ValueError: one lies within 4 cm of the line through the other two.
+    """
+    longest = max(float(np.linalg.norm(corners[i] - corners[j])) for i, j in ((0, 1), (1, 2), (2, 0)))
+    if float(np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]))) < 0.04 * longest:
+        raise ValueError(f"the LEDs {', '.join(map(str, rows))} are collinear: alone they tell no pose")
 
 
 class DockingConfig(Section):

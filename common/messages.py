@@ -48,6 +48,7 @@ StateCause = Literal[
     "frozen_camera",
     "overexposed",
     "underexposed",
+    "noisy",
     "few_leds",
     "not_identified",
     "ambiguous",
@@ -114,8 +115,8 @@ class DockingState:
     its covariance row by row (x [m], y [m], θ [rad]). ``theta_homography_rad`` is θ_L^F of the paper's
     homography where that has a solution. ``disturbance`` is what the motion differs from the wheels by: relative
     speed, relative turn, yaw [rad/s], sideways [m/s]. ``fit`` is the frame's own planar fit, unfiltered: x [m],
-    y [m], θ, camera pitch and roll [rad], with the covariance of x, y, θ in ``fit_covariance``. ``valid`` is false
-    with a ``cause`` that says why.
+    y [m], θ, camera pitch and roll [rad], with the covariance of x, y, θ in ``fit_covariance``. ``cause`` says
+    what was wrong with the frame; ``valid`` outlives it for as long as the estimator carries the pose on.
     """
 
     SCHEMA: ClassVar[str] = "docking_state/1"

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from common.config import Config
 from common.frame_ring import Image
 from common.geometry import Array, Pose2, features_at, move_relative, wrap_angle
-from follower.estimator.pipeline import Detection, Perception
+from follower.estimator.detection import Detection
+from follower.estimator.pipeline import Perception
 from sim.optics import Optics, View
 from sim.scenes import Scene
 

@@ -9,6 +9,7 @@ judged by χ². A rival that fits nearly as well makes the answer "not sure".
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
@@ -21,6 +22,7 @@ from follower.estimator.planar_fit import FitModel, fit
 
 Indices = NDArray[np.intp]
 Failure = Literal["few_spots", "no_match", "ambiguous"]
+Agrees = Callable[[Array, Array], NDArray[np.bool_]]
 
 _HEADINGS_RAD = np.radians(np.linspace(-64.0, 64.0, 17))
 _NEAREST_M, _FARTHEST_M = 0.5, 14.0
@@ -41,12 +43,14 @@ class Limits:
     ``chi2_full``/``chi2_partial`` bound χ² with every LED seen and with one missing; a rival within
     ``margin`` of the best χ² (or below its bound) makes the match ambiguous. With one LED missing, three spots
     among more than ``most_for_partial`` prove nothing, and neither do three beside a fourth of like brightness.
+    Above ``most_for_loose`` spots ``chi2_full`` falls with their number: so many chances has coincidence.
     """
 
     chi2_full: float = 15.0
     chi2_partial: float = 8.0
     margin: float = 30.0
     most_for_partial: int = 8
+    most_for_loose: int = 10
 
 
 @dataclass(frozen=True)
@@ -77,42 +81,70 @@ class Identifier:
         self._height = t_z - points[:, 2]
         self._bases = _base_pairs(points)
 
-    def identify(self, features: Array, mass: Array, allow_partial: bool) -> Match | Failure:
+    def identify(
+        self, features: Array, mass: Array, allow_partial: bool, agrees: Agrees | None = None
+    ) -> Match | Failure:
         """Find the array among N candidate spots.
 
         Args:
             features: (N, 2) normalised coordinates of the candidates.
             mass: (N,) brightness of the candidates; LEDs of one array are of a like brightness.
             allow_partial: also accept all LEDs but one, if nothing else explains the image.
+            agrees: which fits, states (K, 5) with covariance (K, 5, 5), may be the array at all; where only others
+                are found, the answer is ``ambiguous``. None: it may be anywhere.
         """
         leds = len(self._height)
         possible = self._possible(features)
         if len(possible) < leds - int(allow_partial):
             return "few_spots"
-        found = self._search(features[possible], mass[possible], allow_partial)
+        found = self._search(features[possible], mass[possible], allow_partial, agrees)
         if not isinstance(found, Match):
             return found
         spots = tuple(int(possible[spot]) if spot >= 0 else -1 for spot in found.spot_of_led)
         return replace(found, spot_of_led=spots)
 
-    def _search(self, features: Array, mass: Array, allow_partial: bool) -> Match | Failure:
+    def _search(self, features: Array, mass: Array, allow_partial: bool, agrees: Agrees | None) -> Match | Failure:
         allow_partial = allow_partial and len(features) <= self._limits.most_for_partial
         assignments, starts = self._trials(features, mass)
         if not len(assignments):
             return "no_match"
         missing = (assignments < 0).sum(axis=1)
+        full = self._limits.chi2_full * min(1.0, self._limits.most_for_loose / len(features))
         if allow_partial:
             assignments, starts, missing = _with_one_left_out(assignments, starts, missing)
-        for absent, bound in ((0, self._limits.chi2_full), (1, self._limits.chi2_partial)):
+        for absent, bound in ((0, full), (1, self._limits.chi2_partial)):
             rows = np.flatnonzero(missing == absent)
             if absent and not allow_partial:
                 break
-            verdict = self._judge(features, assignments[rows], starts[rows], bound)
+            verdict = self._judge(features, assignments[rows], starts[rows], bound, agrees)
             if isinstance(verdict, Match) and absent and _another_nearby(verdict, features, mass):
                 return "ambiguous"
+            if isinstance(verdict, Match) and not absent and agrees is None:
+                return "ambiguous" if self._second_array(verdict, features, mass) else verdict
             if verdict != "no_match":
                 return verdict
+        if agrees is not None:
+            return "no_match" if self._search(features, mass, allow_partial, None) == "no_match" else "ambiguous"
         return "no_match"
+
+    def _second_array(self, match: Match, features: Array, mass: Array) -> bool:
+        """Whether what the match leaves unexplained holds another array of like brightness, one LED hidden perhaps.
+
+        Among more than a few spots some three always fit, which proves nothing.
+        """
+        others = np.setdiff1d(np.arange(len(features)), match.spot_of_led)
+        ratio = mass[others] / np.median(mass[list(match.spot_of_led)])
+        others = others[np.abs(np.log(ratio)) <= np.log(_MASS_RATIO)]
+        if not len(self._height) - 1 <= len(others) <= self._limits.most_for_partial:
+            return False
+        assignments, starts = self._trials(features[others], mass[others])
+        if not len(assignments):
+            return False
+        partial = (assignments < 0).sum(axis=1) == 1
+        verdict = self._judge(
+            features[others], assignments[partial], starts[partial], self._limits.chi2_partial, None
+        )
+        return verdict != "no_match"
 
     def _possible(self, features: Array) -> Indices:
         """Candidates as high in the image as a LED can be."""
@@ -120,12 +152,17 @@ class Identifier:
         beta = features[:, 1]
         return np.flatnonzero((beta >= ends.min() - _MAX_PITCH) & (beta <= ends.max() + _MAX_PITCH))
 
-    def _judge(self, features: Array, assignments: Indices, starts: Array, bound: float) -> Match | Failure:
+    def _judge(
+        self, features: Array, assignments: Indices, starts: Array, bound: float, agrees: Agrees | None
+    ) -> Match | Failure:
         if not len(assignments):
             return "no_match"
         chosen = np.where((assignments >= 0)[:, :, None], features[assignments], np.nan)
         fits = fit(self._model, chosen, starts)
-        chi2 = np.where(self._plausible(fits.states) & fits.in_front, fits.chi2, np.inf)
+        possible = self._plausible(fits.states) & fits.in_front
+        if agrees is not None:
+            possible &= agrees(fits.states, fits.covariance)
+        chi2 = np.where(possible, fits.chi2, np.inf)
         order = np.argsort(chi2)
         best = int(order[0])
         if not chi2[best] <= bound:

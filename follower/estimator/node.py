@@ -10,9 +10,13 @@ import numpy as np
 from common.channels import DOCKING_STATE, DRIVES, FRAME, MISSION
 from common.frame_ring import FrameReader
 from common.kinematics import twist_from_wheels
+from common.messages import Drives
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
 from follower.estimator.state import StateEstimator
+
+_NO_DOCKING = ("idle", "done", "aborted")
+_FASTEST_RAD_S = 15.0
 
 
 class EstimatorNode(Node):
@@ -25,22 +29,36 @@ class EstimatorNode(Node):
 
     def __init__(self, context: NodeContext) -> None:
         self._base = context.config.base
+        self._leds = len(context.config.leds.points)
         self._reader = FrameReader(context.runtime)
         self._estimator = StateEstimator(context.config)
         cv2.setNumThreads(1)
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
-        """The state of the newest frame; after 100 ms without one, an invalid state."""
+        """The state of the newest frame; after 100 ms without one, or if it is older than that or of a time to
+        come, an invalid state. Without a mission, or with one for other LEDs, there is no homography.
+        """
         frame = inputs.arrived(FRAME)
         if frame is None:
             if inputs.fresh(FRAME, now_ns) is not None:
                 return ()
             return ((DOCKING_STATE, self._estimator.no_frame(now_ns)),)
-        drives = inputs.fresh(DRIVES, now_ns)
-        twist = twist_from_wheels(self._base, drives.wheel_speed_rad_s) if drives else (0.0, 0.0)
         mission = inputs.newest(MISSION)
+        if mission is None or mission.message.phase in _NO_DOCKING:
+            self._estimator.let_go()
+        if not 0 <= now_ns - frame.capture_ns <= FRAME.max_age_ns:
+            return ((DOCKING_STATE, self._estimator.no_frame(now_ns, "stale_frame")),)
+        twist = self._twist(inputs.fresh(DRIVES, now_ns))
         desired = np.array(mission.message.desired_features) if mission else None
+        if desired is not None and desired.shape != (self._leds, 2):
+            desired = None
         return ((DOCKING_STATE, self._estimator.step(frame, self._reader.read(frame), twist, desired)),)
+
+    def _twist(self, drives: Drives | None) -> tuple[float, float]:
+        """As the wheels tell; none without them, for then they stand, nor from speeds that no wheel can have."""
+        if drives is None or max(map(abs, drives.wheel_speed_rad_s)) > _FASTEST_RAD_S:
+            return 0.0, 0.0
+        return twist_from_wheels(self._base, drives.wheel_speed_rad_s)
 
 
 def make(context: NodeContext) -> EstimatorNode:

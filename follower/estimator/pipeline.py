@@ -1,8 +1,9 @@
 """Frame → Detection: spots, identification or tracking, both routes to θ, and why a frame says nothing.
 
 A new lock is used only after it has held for some frames. When the array is lost, the state is carried on by
-the measured twist for a while and the array looked for around it; after that, anywhere. What is carried on is
-never reported as seen: every frame without the array is invalid, with its cause.
+the measured twist for a while and the array looked for around it; after that, in the whole image, but only where
+the wheels can have brought it since. What is carried on is never reported as seen: every frame without the array is
+invalid, with its cause.
 """
 
 from __future__ import annotations
@@ -17,19 +18,23 @@ from common.frame_ring import Image
 from common.geometry import Array, Pose2
 from common.messages import StateCause
 from common.timing import NS_PER_MS, NS_PER_S
+from follower.estimator.brightness import LedBrightness
+from follower.estimator.dead_reckoning import DeadReckoning
+from follower.estimator.detection import Detection
 from follower.estimator.homography import array_normal, theta_from_homography
 from follower.estimator.identification import Failure, Identifier, Limits, Match
-from follower.estimator.image_health import ImageHealth
+from follower.estimator.image_health import ImageHealth, ImageReport
 from follower.estimator.lens import Lens
 from follower.estimator.planar_fit import FitModel
 from follower.estimator.single_fit import PlanarFit, fit_one, levelled
-from follower.estimator.spots import SpotRule, Spots, brightest, find_spots, find_spots_near
+from follower.estimator.spots import NoisyImageError, SpotRule, Spots, brightest, find_spots, find_spots_near
 from follower.estimator.tracking import ArrayTracker, Followed, nearest_within, predict_features, predict_state
 
 TILT_SIGMA_RAD = math.radians(0.7)
 MOST_CANDIDATES = 40
 _REGION_HALF_PX = 20
 _CONFIRM_FULL, _CONFIRM_PARTIAL = 4, 20
+_FEW_CANDIDATES = 10
 _PARTIAL_AFTER = 12
 _MOVING = 0.02  # m/s or rad/s
 _KEEP_NS = 1_250 * NS_PER_MS
@@ -39,40 +44,6 @@ _CAUSES: dict[Failure, StateCause] = {
     "no_match": "not_identified",
     "ambiguous": "ambiguous",
 }
-
-
-@dataclass(frozen=True)
-class Detection:
-    """What one frame says about the array.
-
-    Attributes:
-        frame_sequence, capture_ns: the frame.
-        valid: whether features and pose may be used; else ``cause`` says why not.
-        features: (n, 2) normalised [α, β] by LED as measured, NaN where not seen.
-        features_level: (n, 2) the same as a camera without the fitted pitch and roll would see them.
-        spots: candidates found, in the whole frame or in the tracked regions.
-        leds_seen: LEDs that were matched.
-        theta_homography_rad: θ_L^F of the paper's homography; None where it has no solution.
-        pose: fitted pose of {L} in {F}; None without a fit, as is the covariance.
-        pitch_rad, roll_rad: camera tilt away from its mounting: up, right side down.
-        covariance: (3, 3) of x [m], y [m], θ [rad].
-        residual_px: root mean square of the fit's reprojection errors.
-    """
-
-    frame_sequence: int
-    capture_ns: int
-    valid: bool
-    cause: StateCause
-    features: Array
-    features_level: Array
-    spots: int = 0
-    leds_seen: int = 0
-    theta_homography_rad: float | None = None
-    pose: Pose2 | None = None
-    pitch_rad: float = 0.0
-    roll_rad: float = 0.0
-    covariance: Array | None = None
-    residual_px: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -105,8 +76,15 @@ class Perception:
         self._identifier = Identifier(self._model, Limits())
         self._tracker = ArrayTracker(self._model, self._lens, estimator.gate_px)
         self._health = ImageHealth((camera.height_px, camera.width_px))
+        checked = config.leds.brightness is not None and estimator.method == "davpc"
+        self._brightness = LedBrightness(config.leds, camera) if checked else None
+        self._reckoning = DeadReckoning(estimator)
         self._track: _Track | None = None
         self._failures = 0
+
+    def let_go(self) -> None:
+        """No docking goes on: the next array may be another one, anywhere."""
+        self._reckoning.forget()
 
     def process(
         self,
@@ -131,21 +109,45 @@ class Perception:
         nowhere = np.full((len(self._points), 2), np.nan)
         nothing = Detection(frame_sequence, capture_ns, False, "no_frame", nowhere, nowhere)
         seen = self._health.look(image, capture_ns)
+        if seen.cause != "stale_frame":
+            self._reckoning.drive(capture_ns, twist)
         if image is None or seen.cause is not None:
             return replace(nothing, cause=seen.cause or "no_frame")
         rule = self._rule(seen.background)
-        detection = self._followed(image, rule, nothing, twist, predicted)
-        if detection is None:
-            detection = self._identified(image, rule, nothing)
-        if not detection.spots and seen.exposure is not None:
-            detection = replace(detection, cause=seen.exposure)
+        track = self._track
+        try:
+            detection = self._followed(image, rule, nothing, twist, predicted)
+            if detection is None:
+                detection = self._identified(image, rule, nothing)
+        except NoisyImageError:
+            self._track = track
+            return replace(nothing, cause="noisy")
+        if detection.pose is None:
+            detection = replace(detection, cause=self._exposure(image, rule, seen, detection))
         if self._health.frozen(detection.features, moving=abs(twist[0]) > _MOVING or abs(twist[1]) > _MOVING):
             return replace(detection, valid=False, cause="frozen_camera")
-        if not detection.valid or detection.pose is None or desired_features is None:
+        if not detection.valid or detection.pose is None or detection.covariance is None:
+            return detection
+        self._reckoning.seen(detection.pose, detection.covariance, capture_ns)
+        if desired_features is None:
             return detection
         expected = predicted or detection.pose
         theta = theta_from_homography(detection.features, desired_features, self._normal, expected.theta_rad)
         return replace(detection, theta_homography_rad=theta)
+
+    def _exposure(self, image: Image, rule: SpotRule, seen: ImageReport, detection: Detection) -> StateCause:
+        """Why nothing was found: the exposure, if it is that; the array may show only at a lower threshold."""
+        if seen.exposure is not None:
+            return seen.exposure
+        dim = round(seen.background + self._settings.threshold / 6)
+        if detection.cause != "few_leds" or dim >= rule.threshold:
+            return detection.cause
+        try:
+            spots = brightest(find_spots(image, replace(rule, threshold=dim)), MOST_CANDIDATES)
+        except NoisyImageError:
+            return detection.cause
+        match = self._identifier.identify(self._lens.to_normalised(spots.pixels), spots.mass, allow_partial=False)
+        return "underexposed" if isinstance(match, Match) else detection.cause
 
     def _rule(self, background: float) -> SpotRule:
         """λ_I as configured for the paper's method, else half of it above the background."""
@@ -227,16 +229,24 @@ class Perception:
         candidates = brightest(spots, MOST_CANDIDATES)
         partial = self._failures >= _PARTIAL_AFTER and self._settings.method == "davpc"
         match = self._identifier.identify(
-            self._lens.to_normalised(candidates.pixels), candidates.mass, allow_partial=partial
+            self._lens.to_normalised(candidates.pixels),
+            candidates.mass,
+            allow_partial=partial,
+            agrees=self._reckoning.agrees if self._reckoning.known else None,
         )
         found = self._taken(candidates, list(match.spot_of_led), match.state) if isinstance(match, Match) else None
         if found is None:
             self._failures += 1
             cause = "residual" if isinstance(match, Match) else _CAUSES[match]
             return replace(nothing, cause=cause, spots=len(spots))
+        if self._brightness is not None and not self._brightness.fits(found.fitted.state, found.mass, rule.threshold):
+            self._failures += 1
+            return replace(nothing, cause="not_identified", spots=len(spots))
         self._failures = 0
         partial = bool(np.isnan(found.features).any())
         to_confirm = _CONFIRM_PARTIAL if partial else _CONFIRM_FULL
+        if not self._reckoning.known:  # nothing but its looks speaks for it, and coincidence has more chances
+            to_confirm += max(0, len(candidates) - _FEW_CANDIDATES) // 2
         if self._settings.method == "paper":
             to_confirm = 0
         self._track = _Track(nothing.capture_ns, found.fitted.state, found.features, found.mass, to_confirm)

@@ -15,9 +15,14 @@ from common.geometry import Array
 
 Weighting = Literal["paper", "above_threshold"]
 SATURATED = 250
-_PEAK_FRACTION = 0.4
+PEAK_FRACTION = 0.4
+MOST_CONTOURS = 500
 _SPLIT_FRACTIONS = (0.55, 0.75, 0.9)
 _LONG = 1.4
+
+
+class NoisyImageError(Exception):
+    """More bright specks than lamps, mirrors and sun can make; to measure them all would take seconds."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,11 @@ _Row = tuple[float, float, float, float, float, float, float]
 
 
 def find_spots(image: Image, rule: SpotRule) -> Spots:
-    """All spots of the image, (h, w) uint8."""
+    """All spots of the image, (h, w) uint8.
+
+    Raises:
+        NoisyImageError: there are too many of them.
+    """
     height, width = image.shape
     return _gather(_spots_in(image, (0, 0, width, height), rule))
 
@@ -123,6 +132,8 @@ def _components(region: Image, level: float) -> Iterable[Window]:
     """Bounding boxes (x, y, width, height) of what is brighter than the level."""
     _, mask = cv2.threshold(region, level, 255, cv2.THRESH_BINARY)
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    if len(contours) > MOST_CONTOURS:
+        raise NoisyImageError(f"{len(contours)} bright specks, at most {MOST_CONTOURS} are looked at")
     for contour in contours:
         x, y, w, h = cv2.boundingRect(contour)
         yield x, y, w, h
@@ -146,7 +157,7 @@ def _measure(box: Image, x0: int, y0: int, rule: SpotRule) -> _Row | None:
     if rule.weighting == "paper":
         _, weights = cv2.threshold(box, rule.threshold, 255, cv2.THRESH_TOZERO)
     else:
-        level = np.uint8(max(rule.threshold, int(_PEAK_FRACTION * peak)))
+        level = np.uint8(max(rule.threshold, int(PEAK_FRACTION * peak)))
         weights = np.maximum(box, level) - level
     moments = cv2.moments(weights)
     mass = moments["m00"]

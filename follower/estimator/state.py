@@ -11,8 +11,9 @@ from common.frame_ring import Image
 from common.geometry import Array, Pose2, features_at
 from common.messages import DockingState, Frame, StateCause
 from common.timing import NS_PER_MS
+from follower.estimator.detection import Detection
 from follower.estimator.observer import RelativeObserver
-from follower.estimator.pipeline import Detection, Perception
+from follower.estimator.pipeline import Perception
 
 # frames in a row that the observer may refuse before it starts anew from what perception sees
 _REFUSED_LIMIT = 6
@@ -33,6 +34,11 @@ class StateEstimator:
         self._frame_sequence = 0
         self._seen = 0
         self._dropped = 0
+
+    def let_go(self) -> None:
+        """No docking goes on: once lost, the array may be another one, anywhere. Nothing while it is in sight."""
+        if self._measured_ns is None:
+            self._perception.let_go()
 
     def step(
         self, frame: Frame, image: Image | None, twist: tuple[float, float], desired_features: Array | None
@@ -56,11 +62,11 @@ class StateEstimator:
         self._filter(detection, twist)
         return self._state(detection, frame.capture_ns)
 
-    def no_frame(self, now_ns: int) -> DockingState:
-        """The state when no frame came: the last pose, not valid."""
+    def no_frame(self, now_ns: int, cause: StateCause = "no_frame") -> DockingState:
+        """The state when no frame came, or none that may be looked at: the last pose, not valid."""
         nothing = np.full((len(self._config.leds.points), 2), np.nan)
         self._measured_ns = None
-        return self._state(Detection(self._frame_sequence, now_ns, False, "no_frame", nothing, nothing), now_ns)
+        return self._state(Detection(self._frame_sequence, now_ns, False, cause, nothing, nothing), now_ns)
 
     def _expected(self, capture_ns: int, twist: tuple[float, float]) -> Pose2 | None:
         return self._observer.pose_at(capture_ns, *twist) if self._measured_ns is not None else None
@@ -84,7 +90,7 @@ class StateEstimator:
 
     def _state(self, detection: Detection, capture_ns: int) -> DockingState:
         valid = self._measured_ns is not None
-        cause: StateCause = "coasting" if valid and not detection.valid else detection.cause
+        cause = detection.cause  # the frame's own, also while the pose is carried on without it
         pose = self._observer.pose
         filtered: tuple[tuple[float, float], ...] = ()
         if valid:

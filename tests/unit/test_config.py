@@ -26,6 +26,8 @@ def test_the_reference_is_valid_with_its_world(config_path: Path) -> None:
         ("controller.horizon='x'", "controller.horizon"),
         ("follower_can.lift.node_id=1", "node id 1 is given twice"),
         ("leds.positions_m=[[0,-0.3,1.4],[0,0,1.4],[0,0.1,1.4],[0,0.3,1.4]]", "collinear"),
+        ("leds.positions_m=[[0,-0.28,1.38],[0,0,1.40],[0,0.28,1.42],[0,-0.1,1.8]]", "LEDs 0, 1, 2 are collinear"),
+        ("leds.positions_m=[[0,-0.28,1.38],[0,-0.28,1.38],[0,0.1,1.8],[0,-0.24,1.72]]", "LEDs 0 and 1 lie within"),
         ("leds.positions_m=[[0,-0.3,1.4],[0.5,0.1,1.4],[0,0.1,1.8],[0,-0.3,1.7]]", "not coplanar"),
         ("leds.positions_m=[[0,-0.3,1.4],[0,0.3,1.4],[0,0.2,1.8],[0,-0.2,1.8]]", "symmetric"),
         ("camera.mount_xyz_m=[0.25,0.0,1.40]", "Δh = 0"),

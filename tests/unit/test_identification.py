@@ -101,3 +101,13 @@ def test_spots_of_quite_another_brightness_are_not_of_one_array(config: Config) 
 
 def test_nothing_in_sight(config: Config) -> None:
     assert Identifier(model(config), Limits()).identify(np.zeros((0, 2)), np.zeros(0), True) == "few_spots"
+
+
+@pytest.mark.parametrize("layout", [4353, 7578, 8794])
+def test_coincidence_among_forty_spots_is_refused(config: Config, layout: int) -> None:
+    """Layouts without the array in which some four spots fit as well as would do among ten."""
+    rng = np.random.default_rng(layout)
+    spots = np.column_stack([rng.uniform(-1.2, 1.2, 40), rng.uniform(-0.4, -0.02, 40)])
+    few = Identifier(model(config), Limits(most_for_loose=40)).identify(spots, np.full(40, 500.0), False)
+    assert isinstance(few, Match)
+    assert Identifier(model(config), Limits()).identify(spots, np.full(40, 500.0), False) == "no_match"

@@ -103,9 +103,30 @@ def test_another_leaders_array_is_never_taken_for_ours(config: Config, optics: O
     beside = SecondArray(Pose2(0.5, 2.0, 0.1))
     both = looks(config, optics, Scene(others=(beside,)), 0, 60)
     assert {look.detection.cause for look in both} == {"ambiguous"}
+    ours_has_a_dark_led = looks(config, optics, Scene(others=(beside,), faults=(LedFault(1, 0.0),)), 0, 60)
+    assert {look.detection.cause for look in ours_has_a_dark_led} == {"ambiguous"}
     later = looks(config, optics, Scene(others=(replace(beside, start_s=0.3),)), 0, 90)
     assert later[-1].detection.valid
     assert scene_metrics([later])["wrong_led_frames"] == 0
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_another_leader_is_not_taken_while_somebody_hides_ours(config: Config, optics: Optics, seed: int) -> None:
+    beside = SecondArray(Pose2(0.5, 2.0, 0.1), start_s=0.6)
+    scene = Scene(others=(beside,), walkers=(Walker((-1.0, -1.6), (0.0, 1.2), 0.7),))
+    counted = scene_metrics([looks(config, optics, scene, seed, 240)])
+    assert counted["losses"] >= 1
+    assert counted["false_locks"] == counted["wrong_led_frames"] == 0
+    assert counted["relock_max_s"] <= 0.5
+
+
+def test_another_leader_is_not_taken_after_ours_went_dark_for_good(config: Config, optics: Optics) -> None:
+    dark = tuple(LedFault(led, 0.0, 0.4) for led in range(4))
+    scene = Scene(faults=dark, others=(SecondArray(Pose2(0.5, 2.0, 0.1), start_s=0.4),))
+    seen = looks(config, optics, scene, 0, 150)
+    assert seen[20].detection.valid
+    assert not any(look.detection.valid for look in seen[30:])
+    assert "ambiguous" in {look.detection.cause for look in seen[30:]}
 
 
 def test_a_mirrored_array_alone_is_never_accepted(config: Config, optics: Optics) -> None:
@@ -120,9 +141,15 @@ def test_forty_lamps_without_the_array_give_no_lock(config: Config, optics: Opti
 
 def test_wrong_exposure_is_survived_or_named(config: Config, optics: Optics) -> None:
     bright = looks(config, optics, Scene(exposure_factor=6.0), 1, 60)
-    dim = looks(config, optics, Scene(exposure_factor=0.02), 1, 60)
     assert bright[-1].detection.valid
-    assert {look.detection.cause for look in dim} == {"few_leds"}
+    dim = looks(config, optics, Scene(exposure_factor=0.07), 1, 60)
+    assert [look.detection.cause for look in dim].count("underexposed") > 50
+    glaring = looks(config, optics, Scene(ambient_grey=250.0), 1, 20)
+    assert {look.detection.cause for look in glaring} <= {"overexposed", "noisy"}
+
+
+def test_leds_that_are_off_are_no_matter_of_exposure(config: Config, optics: Optics) -> None:
+    assert {look.detection.cause for look in looks(config, optics, Scene(leds_lit=False), 1, 20)} == {"few_leds"}
 
 
 def test_clean_is_the_default() -> None:
