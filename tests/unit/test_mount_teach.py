@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.config import CameraConfig, Config
+from common.config import CameraConfig, Config, ConfigError
 from common.geometry import Array, Pose2, features_at
-from station.mount import MountError, View, calibrate_mount, project, worst_tilt_deg
-from station.teach import TeachError, calibration_hash, load, save, teach
+from follower.estimator.lens import Lens
+from follower.supervisor.taught import calibration_hash, load, save
+from station.mount import MountError, View, averaged, calibrate_mount, project, whole_tilt_rad
+from station.mount_file import load_views, save_views
+from station.teach import TeachError, teach
 
 FOCAL_PX = 369.5
 TRUTH = np.array([0.262, 0.008, 1.187, math.radians(0.6), math.radians(-0.4), math.radians(0.3)])
@@ -35,8 +38,45 @@ def test_mount_is_recovered_within_its_own_sigma(config: Config) -> None:
     found = np.array([*mount.xyz_m, mount.pitch_rad, mount.roll_rad, mount.yaw_rad])
     assert np.all(np.abs(found - TRUTH) < 4.0 * mount.sigma)
     assert np.all(np.abs(found - TRUTH)[:3] < 0.005)
-    assert worst_tilt_deg(mount) == pytest.approx(0.6, abs=0.1)
     assert mount.residual_px < 0.1
+
+
+def test_a_tilt_already_configured_is_part_of_the_whole(config: Config) -> None:
+    whole = np.radians([3.4, -0.7, 1.2])
+    configured = np.radians([3.0, -1.0, 1.5])
+    camera = CameraConfig.model_validate(
+        {**config.camera.model_dump(), "mount_tilt_deg": tuple(float(value) for value in np.degrees(configured))}
+    )
+    truth = np.array([*config.camera.mount, *whole])
+    levelled = [
+        View(pose, Lens(camera).to_normalised(camera.pinhole.to_pixels(project(config.leds.points, pose, truth))))
+        for pose in POSES
+    ]
+    mount = calibrate_mount(levelled, config.leds.points, camera.mount, FOCAL_PX)
+    assert abs(mount.pitch_rad) < math.radians(0.6), "only what is left over was seen"
+    assert whole_tilt_rad(mount, camera.mount_tilt) == pytest.approx(whole, abs=1e-6)
+    assert whole_tilt_rad(mount, np.zeros(3)) == pytest.approx([mount.pitch_rad, mount.roll_rad, mount.yaw_rad])
+
+
+def test_a_view_is_the_average_of_a_robot_at_rest(config: Config, tmp_path: Path) -> None:
+    features, _ = docked(config)
+    features[3] = np.full((4, 2), np.nan)
+    for one in features:
+        one[1] = np.nan
+    mean = averaged(features, FOCAL_PX)
+    assert np.isnan(mean[1]).all()
+    assert np.isfinite(mean[[0, 2, 3]]).all()
+    path = tmp_path / "views.json"
+    save_views([View(Pose2(2.0, 0.3, 0.1), mean)], path)
+    (again,) = load_views(path, 4)
+    assert again.relative.as_array() == pytest.approx([2.0, 0.3, 0.1])
+    assert again.features == pytest.approx(mean, nan_ok=True)
+    with pytest.raises(ConfigError, match=r"views\.json: view 1 .* each of the 5 LEDs"):
+        load_views(path, 5)
+    with pytest.raises(MountError, match="5 frames"):
+        averaged(features[:5], FOCAL_PX)
+    with pytest.raises(MountError, match="robots at rest"):
+        averaged([one + 1e-3 * k for k, one in enumerate(features)], FOCAL_PX)
 
 
 def test_untilted_mount_is_the_papers_projection(config: Config) -> None:
@@ -78,12 +118,27 @@ def test_taught_image_is_the_average_and_is_compared_with_geometry(config: Confi
 
 def test_unsteady_or_incomplete_frames_are_refused(config: Config) -> None:
     features, poses = docked(config)
-    with pytest.raises(TeachError, match="5 frames"):
+    with pytest.raises(TeachError, match="5 of 5 frames show every LED, at least 30"):
         teach(config, 1, features[:5], poses[:5])
     with pytest.raises(TeachError, match="features move by"):
         teach(config, 1, [one + 3e-4 * k for k, one in enumerate(features)], poses)
-    with pytest.raises(TeachError, match="LED 2 is not seen"):
+    with pytest.raises(TeachError, match=r"0 of 40 frames .*: LED 2 is not always seen"):
         teach(config, 1, [np.where(np.arange(4)[:, None] == 2, np.nan, one) for one in features], poses)
+
+
+def test_a_few_coasting_frames_are_left_out(config: Config) -> None:
+    features, poses = docked(config)
+    features[7] = features[20] = np.full((4, 2), np.nan)
+    poses[7] = Pose2(9.0, 9.0, 1.0)
+    taught = teach(config, 1, features, poses)
+    assert taught.frames == 38
+    assert taught.pose.x_m == pytest.approx(1.51)
+
+
+def test_frames_without_the_array_name_no_led(config: Config) -> None:
+    features, poses = docked(config)
+    with pytest.raises(TeachError, match=r"0 of 40 frames show every LED, at least 30 are needed$"):
+        teach(config, 1, [np.full_like(one, np.nan) for one in features], poses)
 
 
 def test_taught_image_is_kept_and_refused_under_another_calibration(config: Config, tmp_path: Path) -> None:
@@ -93,10 +148,11 @@ def test_taught_image_is_kept_and_refused_under_another_calibration(config: Conf
     again = load(path, config.camera)
     assert again.features == pytest.approx(taught.features)
     assert (again.pose, again.trolley, again.calibration) == (taught.pose, 1, calibration_hash(config.camera))
-    moved = CameraConfig.model_validate({**config.camera.model_dump(), "mount_xyz_m": (0.25, 0.0, 1.21)})
-    with pytest.raises(TeachError, match="another lens or mounting: teach docking 1 again"):
-        load(path, moved)
+    for change in ({"mount_xyz_m": (0.25, 0.0, 1.21)}, {"mount_tilt_deg": (0.5, 0.0, 0.0)}, {"width_px": 1024}):
+        moved = CameraConfig.model_validate({**config.camera.model_dump(), **change})
+        with pytest.raises(ConfigError, match="another lens or mounting: teach docking 1 again"):
+            load(path, moved)
     for broken in ("", "[]", '{"schema": "taught/1"}', '{"schema": "x"}'):
         path.write_text(broken)
-        with pytest.raises(TeachError, match=r"docking1\.json"):
+        with pytest.raises(ConfigError, match=r"docking1\.json"):
             load(path, config.camera)
