@@ -8,7 +8,6 @@ metrics) and ``bench.md``.
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import platform
@@ -24,6 +23,7 @@ from common.config import Config, default_config_path, load_config
 from common.frame_ring import Image
 from common.geometry import Array, Pose2, features_at, move_relative
 from experiments.approach import PERIOD_NS
+from experiments.results import configuration, write_json
 from follower.estimator.homography import array_normal, theta_from_homography
 from follower.estimator.identification import Identifier, Limits
 from follower.estimator.lens import Lens
@@ -68,11 +68,11 @@ def run(out: Path, config: Config | None = None, rounds: int = 200) -> dict[str,
         for method, case, median, p99 in timed
     ]
     machine = {"cores": os.cpu_count(), "system": platform.system(), "python": platform.python_version()}
-    results = {"bench": "perception", "machine": machine, "rows": rows}
+    results = {"bench": "perception", "settings": configuration(robots), "machine": machine, "rows": rows}
     out.mkdir(parents=True, exist_ok=True)
-    (out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    written = write_json(out / "results.json", results)
     (out / "bench.md").write_text(_markdown(rows), encoding="utf-8")
-    return results
+    return written
 
 
 def _interleaved(works: list[tuple[str, int, Work]], rounds: int) -> list[tuple[str, int, float, float]]:
