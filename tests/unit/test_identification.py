@@ -87,10 +87,8 @@ def test_three_leds_alone_are_found_if_allowed(config: Config, hidden: int) -> N
     identifier = Identifier(model(config), Limits())
     assert identifier.identify(three, np.full(3, 500.0), False) == "few_spots"
     found = identifier.identify(three, np.full(3, 500.0), True)
-    if isinstance(found, Match):
-        assert found.spot_of_led == tuple(np.insert(np.arange(3), hidden, -1))
-    else:
-        assert found == "ambiguous"
+    assert isinstance(found, Match)
+    assert found.spot_of_led == tuple(np.insert(np.arange(3), hidden, -1))
 
 
 def test_spots_of_quite_another_brightness_are_not_of_one_array(config: Config) -> None:
