@@ -22,6 +22,9 @@ from common.timing import NS_PER_MS
 
 _ALIGNMENT = 16
 _READOUT_NS = 9 * NS_PER_MS  # 1280 × 1024 over USB 3
+_CUSTOM_RESOLUTION = 0xFF  # tSdkImageResolution.iIndex
+_SILENT_MS = 1000
+_FEWEST_TIMEOUTS = 5
 _log = logging.getLogger("follower-camera")
 
 
@@ -38,6 +41,8 @@ class MindVisionSource:
         self._camera = context.config.camera
         self._clock = context.clock
         self._wait_ms = max(2, round(2000.0 / self._camera.rate_hz))
+        self._patience = max(_FEWEST_TIMEOUTS, -(-_SILENT_MS // self._wait_ms))
+        self._timeouts = 0
         self._sdk: Any = None
         self._handle: int | None = None
         self._buffer = 0
@@ -57,26 +62,24 @@ class MindVisionSource:
             raise DeviceError(f"MindVision camera {self._serial or '(any)'}: {_text(error)}") from error
 
     def grab(self, now_ns: int, inputs: Inbox, image: Image) -> Capture | None:  # noqa: ARG002 - it waits for light
-        """Wait up to two frame periods for the next image."""
+        """Wait up to two frame periods for the next image; silence of a second is a lost camera."""
         sdk = self._sdk
         if self._handle is None:
             raise DeviceError("MindVision camera is not open")
         try:
             raw, head = sdk.CameraGetImageBuffer(self._handle, self._wait_ms)
         except sdk.CameraException as error:
-            if error.error_code == sdk.CAMERA_STATUS_TIME_OUT:
+            self._timeouts += 1
+            if error.error_code == sdk.CAMERA_STATUS_TIME_OUT and self._timeouts < self._patience:
                 return None
             raise DeviceError(f"MindVision camera {self._serial}: lost: {_text(error)}") from error
+        self._timeouts = 0
         arrived_ns = self._clock.now_ns()
         try:
+            self._check_size(head, image)  # before the SDK writes so many pixels into the buffer
             sdk.CameraImageProcess(self._handle, raw, self._buffer, head)
         finally:
             sdk.CameraReleaseImageBuffer(self._handle, raw)
-        if (head.iHeight, head.iWidth) != image.shape or head.uBytes < image.size:
-            raise DeviceError(
-                f"MindVision camera {self._serial}: image of {head.iWidth}×{head.iHeight}, "
-                f"camera.width_px and height_px say {image.shape[1]}×{image.shape[0]}"
-            )
         pixels = (ctypes.c_ubyte * image.size).from_address(self._buffer)
         np.copyto(image, np.ctypeslib.as_array(pixels).reshape(image.shape))
         exposure_us = self._camera.exposure_us
@@ -110,6 +113,7 @@ class MindVisionSource:
         sdk, camera = self._sdk, self._camera
         handle = self._handle = sdk.CameraInit(device, -1, -1)
         self._set("mono output", sdk.CameraSetIspOutFormat(handle, sdk.CAMERA_MEDIA_TYPE_MONO8))
+        self._set("camera.width_px, height_px", self._set_resolution())
         self._set("free running", sdk.CameraSetTriggerMode(handle, 0))
         self._set("manual exposure", sdk.CameraSetAeState(handle, 0))
         self._set("camera.exposure_us", sdk.CameraSetExposureTime(handle, camera.exposure_us))
@@ -119,7 +123,29 @@ class MindVisionSource:
         else:
             _log.warning("this mvsdk.py cannot set a frame rate: the camera runs at its own, not at camera.rate_hz")
         self._buffer = sdk.CameraAlignMalloc(camera.width_px * camera.height_px, _ALIGNMENT)
+        self._timeouts = 0
         self._set("start", sdk.CameraPlay(handle))
+
+    def _set_resolution(self) -> int:
+        """Ask for the configured size, in the middle of what the camera shows now; the SDK's status."""
+        wanted = self._sdk.CameraGetImageResolution(self._handle)
+        width, height = self._camera.width_px, self._camera.height_px
+        if (wanted.iWidth, wanted.iHeight) == (width, height):
+            return 0
+        wanted.iHOffsetFOV += max(wanted.iWidthFOV - width, 0) // 2
+        wanted.iVOffsetFOV += max(wanted.iHeightFOV - height, 0) // 2
+        wanted.iIndex = _CUSTOM_RESOLUTION
+        wanted.iWidthFOV = wanted.iWidth = width
+        wanted.iHeightFOV = wanted.iHeight = height
+        return int(self._sdk.CameraSetImageResolution(self._handle, wanted))
+
+    def _check_size(self, head: Any, image: Image) -> None:
+        expected = (self._camera.height_px, self._camera.width_px)
+        if not (head.iHeight, head.iWidth) == expected == image.shape:
+            raise DeviceError(
+                f"MindVision camera {self._serial}: image of {head.iWidth}×{head.iHeight}, "
+                f"camera.width_px and height_px say {image.shape[1]}×{image.shape[0]}"
+            )
 
     def _set(self, what: str, status: int) -> None:
         if status != 0:

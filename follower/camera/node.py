@@ -5,9 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
+from pydantic import ValidationError
+
 from common.channels import FRAME
 from common.frame_ring import FrameRing
-from common.frame_source import FrameSource, frame_source
+from common.frame_source import Capture, FrameSource, frame_source
 from common.messages import Frame
 from common.node import DeviceError, Inbox, Node, NodeContext, Output
 from common.timing import NS_PER_S
@@ -46,30 +48,43 @@ class CameraNode(Node):
         sequence = self._sequence + 1
         try:
             capture = self._source.grab(now_ns, inputs, self._ring.slot(sequence))
+            if capture is None:
+                return ()
+            frame = self._note(sequence, capture)
         except DeviceError as error:
             _log.error("%s", error)
             self._source.close()
             self._reopen_ns = now_ns + _REOPEN_NS
             return ()
-        if capture is None:
-            return ()
         self._sequence = sequence
-        frame = Frame(
-            sequence=sequence,
-            slot=self._ring.commit(sequence),
-            capture_ns=capture.capture_ns,
-            camera_id=capture.camera_id,
-            width_px=self._camera.width_px,
-            height_px=self._camera.height_px,
-            exposure_us=capture.exposure_us,
-            gain=capture.gain,
-        )
         return ((FRAME, frame),)
 
     def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002
         """Close the camera."""
         self._source.close()
         return ()
+
+    def _note(self, sequence: int, capture: Capture) -> Frame:
+        """Commit the slot and say what lies in it.
+
+        Raises:
+            DeviceError: the source tells facts that no camera has.
+        """
+        try:
+            return Frame(
+                sequence=sequence,
+                slot=self._ring.commit(sequence),
+                capture_ns=capture.capture_ns,
+                camera_id=capture.camera_id,
+                width_px=self._camera.width_px,
+                height_px=self._camera.height_px,
+                exposure_us=capture.exposure_us,
+                gain=capture.gain,
+            )
+        except ValidationError as error:
+            fault = error.errors()[0]
+            key = ".".join(str(part) for part in fault["loc"])
+            raise DeviceError(f"{capture.camera_id}: {key} = {fault['input']!r}: {fault['msg']}") from error
 
     def _reopened(self) -> bool:
         try:

@@ -39,6 +39,8 @@ class FakeSdk:
     open_handles: int = 0
     raw_out: int = 0
     buffers: dict[int, Any] = field(default_factory=dict)
+    sensor: tuple[int, int] = (1280, 1024)
+    overflows: int = 0
 
     def module(self) -> ModuleType:
         """The module ``mvsdk`` as the driver imports it."""
@@ -48,6 +50,8 @@ class FakeSdk:
         for name in ("SetIspOutFormat", "SetTriggerMode", "SetAeState", "SetExposureTime", "SetAnalogGainX"):
             setattr(module, f"Camera{name}", self._setter(name))
         module.CameraSetFrameRate, module.CameraPlay = self._setter("SetFrameRate"), self._play
+        module.CameraGetImageResolution = lambda handle: _Resolution(*self.sensor)  # noqa: ARG005
+        module.CameraSetImageResolution = self._setter("SetImageResolution")
         module.CameraEnumerateDevice = lambda: [] if self.lost else [_Device(serial) for serial in self.serials]
         module.CameraInit, module.CameraUnInit = self._init, self._uninit
         module.CameraAlignMalloc, module.CameraAlignFree = self._allocate, self.buffers.pop
@@ -89,6 +93,9 @@ class FakeSdk:
         return 1, _Head(*self.image.shape)
 
     def _process(self, handle: int, raw: int, buffer: int, head: Any) -> int:  # noqa: ARG002
+        if self.image.size > len(self.buffers[buffer]):
+            self.overflows += 1
+            return 0
         ctypes.memmove(buffer, self.image.tobytes(), self.image.size)
         return 0
 
@@ -105,34 +112,67 @@ class _Device:
         return self.serial
 
 
+class _Resolution:
+    """``tSdkImageResolution``: what the driver uses of it."""
+
+    def __init__(self, width: int, height: int) -> None:
+        self.iIndex, self.iHOffsetFOV, self.iVOffsetFOV = 0, 0, 0
+        self.iWidthFOV, self.iHeightFOV, self.iWidth, self.iHeight = width, height, width, height
+
+
 class _Head:
     def __init__(self, height: int, width: int) -> None:
         self.iHeight, self.iWidth, self.uBytes = height, width, height * width
 
 
 class FakeVideo:
-    """``cv2.VideoCapture`` of a UVC camera."""
+    """``cv2.VideoCapture`` of a UVC camera; ``refused`` are properties it does not take, ``raising`` breaks it."""
 
-    def __init__(self, image: Any, stamp_ms: float = 0.0, plugged: bool = True) -> None:
+    def __init__(
+        self, image: Any, stamp_ms: float = 0.0, plugged: bool = True, refused: dict[int, float] | None = None
+    ) -> None:
         self.image = image
         self.plugged = plugged
         self.released = False
-        self.properties: dict[int, float] = {cv2.CAP_PROP_POS_MSEC: stamp_ms}
+        self.raising = False
+        self.refused = refused or {}
+        self.properties: dict[int, float] = {cv2.CAP_PROP_POS_MSEC: stamp_ms, cv2.CAP_PROP_CONVERT_RGB: 1.0}
 
     def isOpened(self) -> bool:  # noqa: N802
         return self.plugged
 
     def set(self, prop: int, value: float) -> bool:
+        if prop in self.refused:
+            return False
         self.properties[prop] = value
         return True
 
     def get(self, prop: int) -> float:
         height, width = np.shape(self.image)[:2]
         sizes = {cv2.CAP_PROP_FRAME_WIDTH: float(width), cv2.CAP_PROP_FRAME_HEIGHT: float(height)}
-        return sizes.get(prop, self.properties.get(prop, 0.0))
+        return sizes.get(prop, self.refused.get(prop, self.properties.get(prop, 0.0)))
 
     def read(self) -> tuple[bool, Any]:
+        if self.raising:
+            cv2.resize(np.zeros((0, 0), np.uint8), (1, 1))  # raises cv2.error
         return (True, self.image) if self.plugged else (False, None)
 
     def release(self) -> None:
         self.released = True
+
+
+class FakeYuyv(FakeVideo):
+    """A camera that knows YUYV only: two raw channels unless OpenCV converts to BGR."""
+
+    def __init__(self, grey: Image) -> None:
+        super().__init__(grey, refused={})
+
+    def set(self, prop: int, value: float) -> bool:
+        if prop == cv2.CAP_PROP_FOURCC and value != cv2.VideoWriter.fourcc(*"YUYV"):
+            return False
+        return super().set(prop, value)
+
+    def read(self) -> tuple[bool, Any]:
+        if self.properties[cv2.CAP_PROP_CONVERT_RGB]:
+            return True, cv2.cvtColor(self.image, cv2.COLOR_GRAY2BGR)
+        return True, np.dstack([self.image, np.full_like(self.image, 128)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from common.timing import NS_PER_S, SteppedClock
 from follower.camera.mindvision import MindVisionSource
 from follower.camera.replay import ReplaySource
 from follower.camera.v4l2 import V4l2Source
-from tests.contract.fake_cameras import FakeSdk, FakeVideo
+from tests.contract.fake_cameras import FakeSdk, FakeVideo, FakeYuyv
 
 WIDTH, HEIGHT = 128, 96
 NOW_NS = 5 * NS_PER_S
@@ -189,6 +190,47 @@ def test_mindvision_faults_are_one_clear_line(
     assert (sdk.open_handles, sdk.buffers) == (0, {})
 
 
+def test_mindvision_sets_the_resolution_in_the_middle_of_the_sensor(
+    config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sdk = FakeSdk(picture())
+    monkeypatch.setitem(sys.modules, "mvsdk", sdk.module())
+    MindVisionSource(context(config, tmp_path, "mindvision")).open()
+    asked = sdk.settings["SetImageResolution"]
+    assert (asked.iIndex, asked.iWidth, asked.iHeight) == (0xFF, WIDTH, HEIGHT)
+    assert (asked.iHOffsetFOV, asked.iVOffsetFOV) == ((1280 - WIDTH) // 2, (1024 - HEIGHT) // 2)
+
+
+@pytest.mark.parametrize("shape", [(1024, 1280), (HEIGHT, WIDTH + 8), (HEIGHT // 2, WIDTH)])
+def test_mindvision_never_lets_the_sdk_write_past_its_buffer(
+    config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shape: tuple[int, int]
+) -> None:
+    sdk = FakeSdk(np.zeros(shape, np.uint8))
+    monkeypatch.setitem(sys.modules, "mvsdk", sdk.module())
+    source = MindVisionSource(context(config, tmp_path, "mindvision"))
+    source.open()
+    with pytest.raises(DeviceError, match=rf"image of {shape[1]}×{shape[0]}, .* say {WIDTH}×{HEIGHT}"):
+        grab(source)
+    assert (sdk.overflows, sdk.raw_out) == (0, 0)
+
+
+def test_mindvision_that_stays_silent_is_lost(
+    config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sdk = FakeSdk(picture())
+    monkeypatch.setitem(sys.modules, "mvsdk", sdk.module())
+    source = MindVisionSource(context(config, tmp_path, "mindvision"))
+    source.open()
+    sdk.pending = 0
+    patient = [grab(source)[1] for _ in range(30)]
+    assert patient == [None] * 30
+    with pytest.raises(DeviceError, match="lost: timeout"):
+        grab(source)
+    source.close()
+    source.open()
+    assert grab(source)[1] is None, "opened anew, it has its second again"
+
+
 def test_without_the_sdk_the_message_says_what_to_install(
     config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -210,7 +252,8 @@ def test_an_sdk_without_frame_rates_still_opens(
 
 def test_v4l2_takes_the_drivers_stamp_only_if_it_is_of_this_clock(config: Config, tmp_path: Path) -> None:
     half_ns = round(500 * EXPOSURE_US)
-    for stamp_ms, expected_ns in ((4990.0, 4_990_000_000), (0.0, NOW_NS), (9e9, NOW_NS)):
+    stamps = [(4990.0, 4_990_000_000), *((other, NOW_NS) for other in (0.0, 9e9, math.nan, math.inf, -math.inf))]
+    for stamp_ms, expected_ns in stamps:
         video = FakeVideo(picture(), stamp_ms)
         source = V4l2Source(context(config, tmp_path, "v4l2"), lambda device, v=video: v)  # type: ignore[misc]  # noqa: ARG005
         source.open()
@@ -227,6 +270,47 @@ def test_v4l2_turns_colour_to_grey_and_refuses_other_types(config: Config, tmp_p
     colour.image = picture().astype(np.uint16)
     with pytest.raises(DeviceError, match="in grey"):
         grab(source)
+
+
+def test_v4l2_takes_a_camera_that_knows_yuyv_only(config: Config, tmp_path: Path) -> None:
+    video = FakeYuyv(picture())
+    source = V4l2Source(context(config, tmp_path, "v4l2"), lambda device: video)  # noqa: ARG005
+    source.open()
+    assert np.array_equal(grab(source)[0], picture())
+
+
+def test_v4l2_names_what_is_refused_and_reports_what_is_in_force(
+    config: Config, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    refused = {cv2.CAP_PROP_EXPOSURE: 15.6, cv2.CAP_PROP_GAIN: -1.0, cv2.CAP_PROP_FPS: 30.0}
+    video = FakeVideo(picture(), stamp_ms=4990.0, refused=refused)
+    source = V4l2Source(context(config, tmp_path, "v4l2", "/dev/video9"), lambda device: video)  # noqa: ARG005
+    source.open()
+    said = [record.getMessage() for record in caplog.records]
+    assert "/dev/video9: camera.exposure_us = 800 refused, 1560 is in force" in said
+    assert "/dev/video9: camera.rate_hz = 60 refused, 30 is in force" in said
+    assert "/dev/video9: camera.gain = 2 refused, what is in force is not told" in said
+    capture = grab(source)[1]
+    assert capture is not None
+    assert (capture.exposure_us, capture.gain) == (1560.0, 2.0)
+    assert capture.capture_ns == 4_990_000_000 - 780_000, "half of the exposure that is in force"
+
+
+def test_v4l2_says_nothing_when_all_is_taken(
+    config: Config, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    V4l2Source(context(config, tmp_path, "v4l2"), lambda device: FakeVideo(picture())).open()  # noqa: ARG005
+    assert not caplog.records
+
+
+def test_v4l2_an_error_inside_opencv_is_a_lost_device(config: Config, tmp_path: Path) -> None:
+    video = FakeVideo(picture())
+    source = V4l2Source(context(config, tmp_path, "v4l2"), lambda device: video)  # noqa: ARG005
+    source.open()
+    video.raising = True
+    with pytest.raises(DeviceError, match="/dev/video0: lost: ") as lost:
+        grab(source)
+    assert "\n" not in str(lost.value)
 
 
 def test_v4l2_missing_or_of_another_size(config: Config, tmp_path: Path) -> None:
