@@ -141,7 +141,10 @@ def _check_triangle(corners: Array, rows: tuple[int, ...]) -> None:
 
 
 class DockingConfig(Section):
-    """Where trolley K docks, and when the approach counts as arrived."""
+    """Where trolley K docks, and when the approach counts as arrived.
+
+    ``taught_dir`` holds the desired images of ``davpc teach K``; empty: geometry gives them.
+    """
 
     goal_distance_m: Positive
     trolley_pitch_m: Positive
@@ -151,6 +154,7 @@ class DockingConfig(Section):
     push_stroke_m: Positive
     lateral_bound_first_m: Positive
     lateral_bound_next_m: Positive
+    taught_dir: str = ""
 
     def goal(self, trolley: int) -> Pose2:
         """Desired pose of {L} in {F} for docking ``trolley`` (1 is the first)."""

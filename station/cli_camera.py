@@ -151,11 +151,15 @@ def teach(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """Store the desired image of docking K from a robot that stands at its docked pose. `davpc teach 1`"""
+    """Store the desired image of docking K from a robot that stands at its docked pose. `davpc teach 1`
+
+    The robot docks by it once docking.taught_dir of the configuration names the folder.
+    """
     from common.bus import Bus
     from common.executor import earlier_processes
+    from follower.supervisor.taught import save, taught_name
     from station.frames import TOOL, docking_states
-    from station.teach import TeachError, save
+    from station.teach import TeachError
     from station.teach import teach as average
 
     robots = loaded(config, overrides)
@@ -169,7 +173,7 @@ def teach(
         taught = average(robots, trolley, features, poses)
     except TeachError as error:
         raise ConfigError(f"docking {trolley}: {error}") from error
-    path = out or Path(f"taught-{trolley}.json")
+    path = out or Path(taught_name(trolley))
     save(taught, path)
     summary = {key: value for key, value in asdict(taught).items() if key in ("spread_px", "offset_px", "frames")}
     typer.echo(f"{path}: {summary}; offset_px is how far geometry's image of docking {trolley} lies from it")

@@ -18,6 +18,7 @@ from common.channels import (
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
 from follower.supervisor.sequence import DockingSequence, Observed
+from follower.supervisor.taught import taught_images
 
 _log = logging.getLogger("follower-supervisor")
 
@@ -32,7 +33,13 @@ class SupervisorNode(Node):
     trigger = Trigger(period_ns=NS_PER_S // 20)
 
     def __init__(self, context: NodeContext) -> None:
-        self._sequence = DockingSequence(context.config, context.run_id)
+        """Read the taught images, if the configuration names any.
+
+        Raises:
+            ConfigError: they are missing or of another calibration.
+        """
+        taught = taught_images(context.config, context.config_path)
+        self._sequence = DockingSequence(context.config, context.run_id, taught)
         self._phase = self._sequence.phase
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:

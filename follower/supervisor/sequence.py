@@ -6,10 +6,11 @@ It owns the epoch and the arm token; it only withholds or lowers motion, the gat
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from common.config import Config
-from common.geometry import features_at
+from common.geometry import Array, features_at
 from common.messages import (
     Answer,
     ArmState,
@@ -62,10 +63,12 @@ class DockingSequence:
     Args:
         config: the pair's configuration.
         run_id: of this start of the supervisor; no epoch of an earlier run comes again.
+        taught: (n, 2) desired features by trolley; None: geometry gives them.
     """
 
-    def __init__(self, config: Config, run_id: int) -> None:
+    def __init__(self, config: Config, run_id: int, taught: Mapping[int, Array] | None = None) -> None:
         self._config = config
+        self._taught = taught
         self._epoch = run_id
         self._phase: Phase = "idle"
         self._cause = ""
@@ -117,6 +120,8 @@ class DockingSequence:
             return Answer(request.id, "done", "idle")
         if self._phase != "idle":
             return Answer(request.id, "refused", f"phase is {self._phase}, not idle")
+        if self._taught is not None and request.trolley not in self._taught:
+            return Answer(request.id, "refused", f"docking {request.trolley} is not taught (docking.taught_dir)")
         self._trolley = request.trolley
         self._rearmed = 0
         self._epoch += 1
@@ -270,7 +275,10 @@ class DockingSequence:
 
     def _desired(self) -> tuple[tuple[float, float], ...]:
         config = self._config
-        features = features_at(config.leds.points, config.docking.goal(self._trolley), config.camera.mount)
+        if self._taught is not None:
+            features = self._taught[self._trolley]
+        else:
+            features = features_at(config.leds.points, config.docking.goal(self._trolley), config.camera.mount)
         return tuple((float(a), float(b)) for a, b in features)
 
     def _driven(self, drives: Drives) -> float:
