@@ -13,6 +13,7 @@ from typing import Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from common.config import LensConfig
 from common.frame_ring import Image
@@ -92,12 +93,30 @@ def find_corners(image: Image, board: Board) -> Array | None:
     return np.asarray(refined, dtype=np.float64).reshape(-1, 2)
 
 
-def coverage_of(views: Sequence[Array], size: Size) -> Coverage:
-    """Where corners of all views lie in an image of (width, height)."""
+def covered_cells(views: Sequence[Array], size: Size) -> NDArray[np.bool_]:
+    """Which cells (6, 6) of an image of (width, height), from the top left, have seen a corner."""
     cells = np.zeros((_GRID, _GRID), dtype=np.bool_)
     for corners in views:
         columns, rows = np.clip(corners * _GRID / np.array(size), 0, _GRID - 1).astype(int).T
         cells[rows, columns] = True
+    return cells
+
+
+def lacking(views: Sequence[Array], size: Size) -> str:
+    """What these views still lack for a calibration; empty if nothing."""
+    if len(views) < _FEWEST_VIEWS:
+        return f"{len(views)} images with the whole board, at least {_FEWEST_VIEWS} are needed"
+    coverage = coverage_of(views, size)
+    if coverage.missing:
+        return f"no board seen in these parts of the image: {', '.join(coverage.missing)}"
+    if coverage.share < _LEAST_SHARE:
+        return f"boards cover {coverage.share:.0%} of the image, {_LEAST_SHARE:.0%} are needed: go farther out"
+    return ""
+
+
+def coverage_of(views: Sequence[Array], size: Size) -> Coverage:
+    """Where corners of all views lie in an image of (width, height)."""
+    cells = covered_cells(views, size)
     missing = tuple(
         _REGIONS[row][column]
         for row in range(3)
@@ -118,23 +137,15 @@ def calibrate_camera(views: Sequence[Array], board: Board, size: Size) -> Calibr
     Raises:
         CalibrationError: too few views, regions without corners, or no model converges.
     """
-    if len(views) < _FEWEST_VIEWS:
-        raise CalibrationError(f"{len(views)} images with the whole board, at least {_FEWEST_VIEWS} are needed")
-    coverage = coverage_of(views, size)
-    if coverage.missing:
-        raise CalibrationError(f"no board seen in these parts of the image: {', '.join(coverage.missing)}")
-    if coverage.share < _LEAST_SHARE:
-        raise CalibrationError(
-            f"boards cover {coverage.share:.0%} of the image, {_LEAST_SHARE:.0%} are needed: go farther out"
-        )
+    missing = lacking(views, size)
+    if missing:
+        raise CalibrationError(missing)
     fitted: dict[Model, tuple[LensConfig, float]] = {}
     held_out: dict[Model, float] = {}
     models: tuple[Model, ...] = ("rational", "fisheye")
     for model in models:
         fit = fit_lens(model, views, board, size)
-        errors = (
-            [_held_out(fit[0], views, board, size, fold) for fold in range(_FOLDS)] if fit is not None else [None]
-        )
+        errors = [_held_out(model, views, board, size, fold) for fold in range(_FOLDS)] if fit is not None else [None]
         squares = [error**2 for error in errors if error is not None]
         if fit is not None and len(squares) == _FOLDS:
             fitted[model], held_out[model] = fit, float(np.sqrt(np.mean(squares)))
@@ -144,7 +155,7 @@ def calibrate_camera(views: Sequence[Array], board: Board, size: Size) -> Calibr
         )
     best = min(held_out, key=lambda name: held_out[name])
     lens, rms_px = fitted[best]
-    return Calibration(lens, rms_px, held_out, coverage, len(views))
+    return Calibration(lens, rms_px, held_out, coverage_of(views, size), len(views))
 
 
 def fit_lens(model: Model, views: Sequence[Array], board: Board, size: Size) -> tuple[LensConfig, float] | None:
@@ -213,10 +224,13 @@ def _fit_from(start: LensConfig, views: Sequence[Array], board: Board, size: Siz
     return _lens("fisheye" if start.model == "fisheye" else "rational", matrix, bent), float(rms)
 
 
-def _held_out(start: LensConfig, views: Sequence[Array], board: Board, size: Size, fold: int) -> float | None:
-    """Reprojection rms [px] over every fourth view, with the lens of the others and each board's own pose."""
+def _held_out(model: Model, views: Sequence[Array], board: Board, size: Size, fold: int) -> float | None:
+    """Reprojection rms [px] over every fourth view, with the lens of the others and each board's own pose.
+
+    The lens is fitted from scratch: a start from all views would carry over what it shall not have seen.
+    """
     kept = [corners for row, corners in enumerate(views) if row % _FOLDS != fold]
-    fitted = _fit_from(start, kept, board, size)
+    fitted = fit_lens(model, kept, board, size)
     if fitted is None:
         return None
     squares = []

@@ -4,28 +4,16 @@ from __future__ import annotations
 
 import json
 import tomllib
-from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 
-from common.config import ConfigError, LensConfig, Section, validate
+from common.config import CameraConfig, ConfigError, LensConfig, Section, validate
 from station.calibration import Calibration, Size
 
 
-@dataclass(frozen=True)
-class StoredCalibration:
-    """Lens, whose it is, and how it came about."""
+class StoredCalibration(Section):
+    """Lens, whose it is (serial number), when it was made (ISO 8601), and how good it was."""
 
-    camera: str
-    date: str
-    size: Size
-    lens: LensConfig
-    rms_px: float
-    held_out_px: float
-    coverage: float
-    views: int
-
-
-class _File(Section):
     camera: str
     date: str
     width_px: int
@@ -37,14 +25,14 @@ class _File(Section):
     lens: LensConfig
 
 
-def store(calibration: Calibration, camera: str, date: str, size: Size, path: Path) -> None:
-    """Write it; ``camera`` is the serial number, ``date`` as ISO 8601."""
+def store(calibration: Calibration, camera: str, made: str, size: Size, path: Path) -> None:
+    """Write it; ``camera`` is the serial number, ``made`` as ISO 8601."""
     lens = calibration.lens
     held_out = min(calibration.held_out_px.values())
     lines = [
         "# made by: davpc calibrate camera",
         f"camera = {json.dumps(camera)}",
-        f"date = {json.dumps(date)}",
+        f"date = {json.dumps(made)}",
         f"width_px = {size[0]}",
         f"height_px = {size[1]}",
         f"rms_px = {calibration.rms_px!r}",
@@ -71,14 +59,27 @@ def stored(path: Path) -> StoredCalibration:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not a calibration: {error}") from error
-    found = validate(_File, table, str(path))
-    return StoredCalibration(
-        found.camera,
-        found.date,
-        (found.width_px, found.height_px),
-        found.lens,
-        found.rms_px,
-        found.held_out_px,
-        found.coverage,
-        found.views,
-    )
+    return validate(StoredCalibration, table, str(path))
+
+
+def differences(calibration: StoredCalibration, camera: CameraConfig) -> list[str]:
+    """Where the configured camera is not the calibrated one, one text each; empty if they agree."""
+    size, wanted = (camera.width_px, camera.height_px), (calibration.width_px, calibration.height_px)
+    found = [] if size == wanted else [f"image {size[0]}×{size[1]} instead of {wanted[0]}×{wanted[1]}"]
+    for key in LensConfig.model_fields:
+        configured, calibrated = getattr(camera.lens, key), getattr(calibration.lens, key)
+        if configured != calibrated:
+            found.append(f"camera.lens.{key} = {configured} instead of {calibrated}")
+    return found
+
+
+def age_days(calibration: StoredCalibration, today: date, path: Path) -> int:
+    """Days since it was made.
+
+    Raises:
+        ConfigError: its date is none.
+    """
+    try:
+        return (today - date.fromisoformat(calibration.date)).days
+    except ValueError as error:
+        raise ConfigError(f"{path}: date: {error}") from error

@@ -12,7 +12,7 @@ import typer
 from common.config import ConfigError, default_config_path
 from common.node import DeviceError
 from common.processes import PROCESSES, process
-from station import cli_camera, cli_can, cli_experiment
+from station import cli_calibrate, cli_camera, cli_can, cli_experiment
 from station.cli_options import ConfigOption, SetOption, numbers
 
 EXIT_NOT_DOCKED = 1
@@ -127,7 +127,7 @@ def processes() -> None:
 
 app.command(epilog="Example:  davpc teach 1 --runtime /run/davpc")(cli_camera.teach)
 app.add_typer(cli_camera.camera, name="camera")
-app.add_typer(cli_camera.calibrate, name="calibrate")
+app.add_typer(cli_calibrate.calibrate, name="calibrate")
 app.add_typer(cli_can.can, name="can")
 app.add_typer(cli_experiment.experiment, name="experiment")
 app.add_typer(cli_experiment.bench, name="bench")

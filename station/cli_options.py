@@ -9,6 +9,7 @@ import typer
 
 from common.config import Config, ConfigError, default_config_path, load_config
 
+ROBOT = Path("/run/davpc")
 ConfigOption = Annotated[
     Path | None, typer.Option("--config", help="TOML file of the pair", show_default="reference")
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from common.config import Config, ConfigError
 from common.executor import earlier_processes
 from common.frame_ring import FrameReader, Image
 from common.frame_source import FrameSource, frame_source
+from common.geometry import Array
 from common.messages import DockingState, MessageError, decode
 from common.node import DeviceError, Inbox, NodeContext
 from common.timing import MonotonicClock
@@ -24,9 +26,17 @@ _FIRST_FRAME_S = 5.0
 TOOL = "tool"
 
 
+@dataclass(frozen=True)
+class Shot:
+    """One image (height, width), and the camera's name for itself, as ``driver:serial``."""
+
+    image: Image
+    camera_id: str
+
+
 @contextmanager
-def open_frames(config: Config, config_path: Path, runtime: Path) -> Iterator[Iterator[Image]]:
-    """Images (height, width) as they come: of the running camera process if ``runtime`` is there, else of the driver.
+def open_frames(config: Config, config_path: Path, runtime: Path) -> Iterator[Iterator[Shot]]:
+    """Images as they come: of the running camera process if ``runtime`` is there, else of the driver.
 
     Raises:
         DeviceError: no frame came.
@@ -47,18 +57,31 @@ def open_frames(config: Config, config_path: Path, runtime: Path) -> Iterator[It
         source.close()
 
 
-def docking_states(bus: Bus, count: int) -> Iterator[DockingState]:
-    """The next states of a running estimator.
+def valid_states(bus: Bus, count: int) -> list[DockingState]:
+    """``count`` states of a running estimator that show the whole array, or fewer: of twice as many all valid ones.
 
     Raises:
         DeviceError: none came.
     """
     waiting = _stream(bus, DOCKING_STATE)
-    for _ in range(count):
-        yield decode(DockingState, _next(waiting, "docking state"))[1]
+    found: list[DockingState] = []
+    whole = 0
+    for _ in range(2 * count):
+        state = decode(DockingState, _next(waiting, "docking state"))[1]
+        if state.valid:
+            found.append(state)
+            whole += all(point is not None for point in state.features)
+        if whole == count:
+            break
+    return found
 
 
-def _running(bus: Bus, runtime: Path) -> Iterator[Image]:
+def measured(state: DockingState) -> Array:
+    """The state's features (n, 2), NaN where a LED was not seen."""
+    return np.array([(np.nan, np.nan) if point is None else point for point in state.features])
+
+
+def _running(bus: Bus, runtime: Path) -> Iterator[Shot]:
     waiting, reader = _stream(bus, FRAME), FrameReader(runtime)
     while True:
         try:
@@ -67,17 +90,18 @@ def _running(bus: Bus, runtime: Path) -> Iterator[Image]:
             raise DeviceError(f"camera process: {error}") from error
         image = reader.read(frame)
         if image is not None:
-            yield image
+            yield Shot(image, frame.camera_id)
 
 
-def _direct(source: FrameSource, config: Config, clock: MonotonicClock) -> Iterator[Image]:
+def _direct(source: FrameSource, config: Config, clock: MonotonicClock) -> Iterator[Shot]:
     inbox = Inbox(clock.boot_id)
     give_up_ns = clock.now_ns() + round(_FIRST_FRAME_S * 1e9)
     while True:
         image = np.empty((config.camera.height_px, config.camera.width_px), np.uint8)
-        if source.grab(clock.now_ns(), inbox, image) is not None:
+        capture = source.grab(clock.now_ns(), inbox, image)
+        if capture is not None:
             give_up_ns = clock.now_ns() + round(_FIRST_FRAME_S * 1e9)
-            yield image
+            yield Shot(image, capture.camera_id)
         elif clock.now_ns() > give_up_ns:
             raise DeviceError(f"camera {config.camera.driver}: no frame in {_FIRST_FRAME_S:.0f} s")
 

@@ -13,12 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.geometry import Array, Pose2, points_in_camera
+from follower.estimator.lens import mounting_rotation
 
 _FEWEST_POSES = 4
 _ITERATIONS = 20
 _STEP = 1e-6
 _WORST_RESIDUAL_PX = 2.0
 _LEAST_SPREAD_M = 0.5
+_FEWEST_FRAMES, _FEWEST_LEDS = 30, 3
+_STEADY_PX = 0.5
 
 
 class MountError(Exception):
@@ -116,6 +119,34 @@ def _linearised(views: Sequence[View], points_l: Array, state: Array) -> tuple[A
     return np.concatenate(errors), np.concatenate(rows)
 
 
-def worst_tilt_deg(mount: Mount) -> float:
-    """The largest of pitch, roll and yaw, in degrees: above half a degree the bracket wants turning."""
-    return math.degrees(max(abs(mount.pitch_rad), abs(mount.roll_rad), abs(mount.yaw_rad)))
+def whole_tilt_rad(mount: Mount, configured_rad: Array) -> Array:
+    """Pitch, roll, yaw (3,) of the camera itself [rad].
+
+    Args:
+        mount: fitted to features from which the configured tilt had been taken out.
+        configured_rad: that tilt, ``camera.mount_tilt``.
+    """
+    left_over = mounting_rotation(np.array([mount.pitch_rad, mount.roll_rad, mount.yaw_rad]))
+    turn = mounting_rotation(configured_rad) @ left_over
+    pitch, roll = math.asin(-turn[2, 1]), math.atan2(turn[0, 1], turn[1, 1])
+    return np.array([pitch, roll, math.atan2(-turn[2, 0], turn[2, 2])])
+
+
+def averaged(features: Sequence[Array], focal_px: float) -> Array:
+    """Mean features (n, 2) of frames of a robot at rest; NaN for a LED that half of them do not show.
+
+    Raises:
+        MountError: too few frames, fewer than three LEDs, or something moved.
+    """
+    stack = np.array(features)
+    if len(stack) < _FEWEST_FRAMES:
+        raise MountError(f"{len(stack)} frames with the array, at least {_FEWEST_FRAMES} are needed")
+    seen = np.isfinite(stack).all(axis=2).mean(axis=0) > 0.5
+    if seen.sum() < _FEWEST_LEDS:
+        raise MountError(f"{seen.sum()} LEDs are seen, at least {_FEWEST_LEDS} are needed")
+    spread_px = float(np.nanstd(stack[:, seen], axis=0).max()) * focal_px
+    if spread_px > _STEADY_PX:
+        raise MountError(f"features move by {spread_px:.2f} px: robots at rest? bound {_STEADY_PX} px")
+    mean = np.full(stack.shape[1:], np.nan)
+    mean[seen] = np.nanmean(stack[:, seen], axis=0)
+    return mean

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from datetime import date
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from common.config import ConfigError, LensConfig
+from common.config import Config, ConfigError, LensConfig
 from common.geometry import Array
 from sim.optics_lens import Law, image_by_law
 from station.calibration import (
@@ -24,7 +25,7 @@ from station.calibration import (
     project,
     rays,
 )
-from station.calibration_file import store, stored
+from station.calibration_file import age_days, differences, store, stored
 
 SIZE = (1280, 1024)
 FIELD_RAD = math.radians(120.0)
@@ -142,10 +143,30 @@ def test_calibration_is_stored_with_whose_it_is(tmp_path: Path) -> None:
     path = tmp_path / "camera.toml"
     store(found, 'serial "7"', "2026-05-04", SIZE, path)
     again = stored(path)
-    assert (again.camera, again.date, again.size, again.lens) == ('serial "7"', "2026-05-04", SIZE, lens)
+    assert (again.camera, again.date, (again.width_px, again.height_px), again.lens) == (
+        'serial "7"',
+        "2026-05-04",
+        SIZE,
+        lens,
+    )
     assert (again.rms_px, again.held_out_px, again.coverage, again.views) == (0.12, 0.14, 0.8, 23)
     path.write_text(path.read_text().replace("fisheye", "mirror"))
     with pytest.raises(ConfigError, match=r"camera\.toml: lens\.model"):
         stored(path)
     with pytest.raises(ConfigError, match="not a calibration"):
         stored(tmp_path / "missing.toml")
+
+
+def test_a_stored_calibration_is_compared_with_the_configuration(config: Config, tmp_path: Path) -> None:
+    lens = config.camera.lens
+    path = tmp_path / "camera.toml"
+    store(Calibration(lens, 0.1, {"rational": 0.2}, Coverage(0.8, ()), 20), "7", "2026-05-04", SIZE, path)
+    assert differences(stored(path), config.camera) == []
+    assert age_days(stored(path), date(2026, 6, 4), path) == 31
+    other = lens.model_copy(update={"fx_px": 400.0})
+    changed = config.camera.model_copy(update={"lens": other, "width_px": 640})
+    said = differences(stored(path), changed)
+    assert said == ["image 640×1024 instead of 1280×1024", "camera.lens.fx_px = 400.0 instead of 369.5"]
+    path.write_text(path.read_text().replace("2026-05-04", "yesterday"))
+    with pytest.raises(ConfigError, match=r"camera\.toml: date"):
+        age_days(stored(path), date(2026, 6, 4), path)
