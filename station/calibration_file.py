@@ -66,7 +66,8 @@ def differences(calibration: StoredCalibration, camera: CameraConfig) -> list[st
     """Where the configured camera is not the calibrated one, one text each; empty if they agree."""
     size, wanted = (camera.width_px, camera.height_px), (calibration.width_px, calibration.height_px)
     found = [] if size == wanted else [f"image {size[0]}×{size[1]} instead of {wanted[0]}×{wanted[1]}"]
-    for key in LensConfig.model_fields:
+    keys = ["model"] if camera.lens.model != calibration.lens.model else LensConfig.model_fields
+    for key in keys:
         configured, calibrated = getattr(camera.lens, key), getattr(calibration.lens, key)
         if configured != calibrated:
             found.append(f"camera.lens.{key} = {configured} instead of {calibrated}")

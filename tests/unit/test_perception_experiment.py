@@ -56,7 +56,9 @@ def test_bench_writes_every_method(config: Config, tmp_path: Path) -> None:
     results = bench_perception.run(tmp_path, config, rounds=2)
     assert json.loads((tmp_path / "results.json").read_text()) == results
     methods = {row["method"] for row in results["rows"]}
-    assert {"plain_read", "whole_frame", "tracked", "identify", "pipeline", "aruco_36h11"} <= methods
+    assert {"plain_read", "plain_max", "whole_frame", "tracked", "identify", "pipeline", "aruco_36h11"} <= methods
     assert {row["case"] for row in results["rows"] if row["method"] == "identify"} == {0, 10, 20, 30, 40}
+    assert {row["case"] for row in results["rows"] if row["method"] == "pipeline"} == {4, 24}
     assert all(math.isfinite(row["metrics"]["median_ms"]) for row in results["rows"])
+    assert all(row["metrics"]["p99_ms"] is None for row in results["rows"]), "two samples have no 99th percentile"
     assert "| tracked | 4 |" in (tmp_path / "bench.md").read_text()
