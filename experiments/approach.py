@@ -1,4 +1,4 @@
-"""A Follower that drives up to the array in front of the simulated camera, and what perception made of each frame."""
+"""A Follower that drives up to the array in front of the simulated camera, and what the estimator made of it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from common.config import Config
 from common.frame_ring import Image
 from common.geometry import Array, Pose2, features_at, move_relative, wrap_angle
-from follower.estimator.detection import Detection
-from follower.estimator.pipeline import Perception
+from common.messages import DockingState, Frame
+from follower.estimator.lens import Lens
+from follower.estimator.state import StateEstimator
 from sim.optics import Optics, View
 from sim.scenes import Scene
 
@@ -27,13 +28,18 @@ VISIBLE_GREY = 60.0
 
 @dataclass(frozen=True)
 class Look:
-    """One frame: the view, where the LEDs truly are [px], which shine brightly enough to be seen, the detection."""
+    """One frame: the view, where the LEDs truly are [px], which shine brightly enough to be seen, the state of it."""
 
     view: View
     leds_px: Array
     visible: NDArray[np.bool_]
-    detection: Detection
+    detection: DockingState
     wrong_leds: int
+
+    @property
+    def measured(self) -> bool:
+        """Whether the frame itself showed the array: a state carried on over it does not count."""
+        return self.detection.valid and self.detection.cause == "ok"
 
     @property
     def false_lock(self) -> bool:
@@ -53,7 +59,7 @@ def steer(follower: Pose2) -> tuple[float, float]:
     return SPEED_M_S, turn
 
 
-def approach(config: Config, optics: Optics, perception: Perception, scene: Scene, seed: int) -> Iterator[Look]:
+def approach(config: Config, optics: Optics, estimator: StateEstimator, scene: Scene, seed: int) -> Iterator[Look]:
     """Drive from 8 to 1.5 m; every frame is rendered into one image that lasts until the next."""
     draws = np.random.default_rng((seed, 17))
     follower = start_pose(draws)
@@ -68,14 +74,37 @@ def approach(config: Config, optics: Optics, perception: Perception, scene: Scen
         view = View(sequence, follower.inverse(), currents, 0.0, 0.0, v, w, sequence * PERIOD_NS, scene)
         optics.render(image, view)
         measured = (v * (1 + slip[0]) + draws.normal(0, 0.01), w * (1 + slip[1]) + draws.normal(0, 0.01))
-        detection = perception.process(image, sequence, sequence * PERIOD_NS, measured, desired)
+        detection = estimator.step(_note(config, sequence), image, measured, desired)
         leds_px, peaks = optics.led_truth(view)
         yield Look(view, leds_px, np.asarray(peaks > VISIBLE_GREY), detection, wrong_leds(config, detection, leds_px))
         follower = move_relative(follower.inverse(), v, w, 1 / RATE_HZ).inverse()
 
 
-def wrong_leds(config: Config, detection: Detection, leds_px: Array) -> int:
+def features_px(config: Config, state: DockingState) -> Array:
+    """The state's features in the image (n, 2) [px], through the whole lens; NaN where a LED was not seen."""
+    found = np.full((len(state.features), 2), np.nan)
+    seen = [led for led, point in enumerate(state.features) if point is not None]
+    points = [point for point in state.features if point is not None]
+    if points:
+        found[seen] = Lens(config.camera).to_pixels(np.array(points))
+    return found
+
+
+def wrong_leds(config: Config, state: DockingState, leds_px: Array) -> int:
     """Features that lie more than 3 px from the LED whose they are said to be."""
-    used = np.isfinite(detection.features[:, 0])
-    pixels = config.camera.pinhole.to_pixels(detection.features[used])
-    return int((np.hypot(*(pixels - leds_px[used]).T) > WRONG_PX).sum())
+    away_px = np.hypot(*(features_px(config, state) - leds_px).T)
+    return int((away_px[np.isfinite(away_px)] > WRONG_PX).sum())
+
+
+def _note(config: Config, sequence: int) -> Frame:
+    camera = config.camera
+    return Frame(
+        sequence=sequence,
+        slot=0,
+        capture_ns=sequence * PERIOD_NS,
+        camera_id="simulated",
+        width_px=camera.width_px,
+        height_px=camera.height_px,
+        exposure_us=camera.exposure_us,
+        gain=camera.gain,
+    )

@@ -17,11 +17,10 @@ import numpy as np
 
 from common.config import Config, default_config_path, load_config
 from common.frame_ring import Image
-from common.geometry import Pose2
-from experiments.approach import PERIOD_NS, RATE_HZ, Look, approach
+from experiments.approach import PERIOD_NS, RATE_HZ, Look, approach, features_px
 from experiments.identification import CASES, identification_rates
 from experiments.pose_bound import pose_bound, theta_errors
-from follower.estimator.pipeline import Perception
+from follower.estimator.state import StateEstimator
 from sim.optics import Optics
 from sim.scenes import SCENES as SCENES
 from sim.scenes import named_scene
@@ -31,6 +30,7 @@ BOUND_DISTANCES_M = (1.5, 3.0, 6.0, 9.0)
 REFERENCE_SIGMA_PX = 0.2
 _LOSS_FRAMES = round(0.1 * RATE_HZ)
 _ENOUGH_LEDS = 3
+_BOUND_EVERY = 10
 Row = dict[str, Any]
 
 
@@ -57,7 +57,8 @@ def run(
     rows: list[Row] = []
     for name in scenes:
         looks = [
-            list(approach(robots, optics, Perception(robots), named_scene(name, seed), seed)) for seed in range(seeds)
+            list(approach(robots, optics, StateEstimator(robots), named_scene(name, seed), seed))
+            for seed in range(seeds)
         ]
         rows.append({"method": robots.estimator.method, "case": name, "metrics": scene_metrics(looks)})
         rows += _band_rows(robots, name, looks)
@@ -66,6 +67,7 @@ def run(
         metrics = {
             "bound_deg": error.bound_deg,
             "planar_fit_deg": error.planar_fit_deg,
+            "planar_fit_failed_percent": error.planar_fit_failed_percent,
             "ratio": error.planar_fit_deg / error.bound_deg,
             "homography_deg": error.homography_deg,
             "homography_over_15_deg_percent": error.homography_gross_percent,
@@ -75,42 +77,45 @@ def run(
         rates = identification_rates(robots, case, trials, seed=0)
         rows.append({"method": "identification", "case": case.name, "metrics": rates})
     results = {"experiment": "perception", "seeds": seeds, "sigma_px": REFERENCE_SIGMA_PX, "rows": rows}
-    (out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    (out / "results.json").write_text(json.dumps(results, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     (out / "perception.md").write_text(_markdown(rows), encoding="utf-8")
     return results
 
 
-def scene_metrics(approaches: Sequence[Sequence[Look]]) -> dict[str, float]:
+def scene_metrics(approaches: Sequence[Sequence[Look]]) -> dict[str, Any]:
     """Counts over all approaches of one scene.
 
-    ``losses`` are invalid stretches longer than 100 ms after the first lock, ``losses_leds_visible`` those that began
-    with three LEDs or more in sight; ``late_flags`` valid frames that use LEDs nobody could see; ``relock_max_s`` the
-    longest time from LEDs in sight again to the next valid frame.
+    A frame counts as valid if it showed the array itself. ``losses`` are invalid stretches longer than 100 ms after
+    the first lock, and approaches without any lock; ``losses_leds_visible`` those that began with three LEDs or more
+    in sight; ``ambiguous_percent`` frames in which the array could not be told from another; ``late_flags`` valid
+    frames that use LEDs nobody could see; ``relock_max_s`` the longest time from LEDs in sight again to the next
+    valid frame.
     """
     locks = [_first_lock(looks) for looks in approaches]
     gaps = [gap for looks, lock in zip(approaches, locks, strict=True) for gap in _gaps(looks, lock)]
+    never = [looks for looks, lock in zip(approaches, locks, strict=True) if lock is None]
     relocks = [(visible_frames - 1) / RATE_HZ for _, visible_frames, length in gaps if length > _LOSS_FRAMES]
     every = [look for looks in approaches for look in looks]
     found = [lock / RATE_HZ for lock in locks if lock is not None]
     return {
         "frames": len(every),
-        "valid_percent": 100.0 * sum(look.detection.valid for look in every) / len(every),
-        "never_locked": locks.count(None),
-        "lock_median_s": float(np.median(found)) if found else math.nan,
-        "lock_max_s": max(found, default=math.nan),
-        "losses": sum(length > _LOSS_FRAMES for _, _, length in gaps),
-        "losses_leds_visible": sum(length > _LOSS_FRAMES and begun for begun, _, length in gaps),
+        "valid_percent": 100.0 * sum(look.measured for look in every) / len(every),
+        "never_locked": len(never),
+        "lock_median_s": float(np.median(found)) if found else None,
+        "lock_max_s": max(found, default=None),
+        "losses": sum(length > _LOSS_FRAMES for _, _, length in gaps) + len(never),
+        "losses_leds_visible": sum(length > _LOSS_FRAMES and begun for begun, _, length in gaps)
+        + sum(int(looks[0].visible.sum()) >= _ENOUGH_LEDS for looks in never),
+        "ambiguous_percent": 100.0 * sum(look.detection.cause == "ambiguous" for look in every) / len(every),
         "relock_max_s": max(relocks, default=0.0),
-        "late_flags": sum(
-            look.detection.leds_seen > int(look.visible.sum()) for look in every if look.detection.valid
-        ),
-        "wrong_led_frames": sum(look.detection.valid and look.wrong_leds > 0 for look in every),
+        "late_flags": sum(look.detection.leds_seen > int(look.visible.sum()) for look in every if look.measured),
+        "wrong_led_frames": sum(look.measured and look.wrong_leds > 0 for look in every),
         "false_locks": sum(look.false_lock for look in every),
     }
 
 
 def _first_lock(looks: Sequence[Look]) -> int | None:
-    return next((row for row, look in enumerate(looks) if look.detection.valid), None)
+    return next((row for row, look in enumerate(looks) if look.measured), None)
 
 
 def _gaps(looks: Sequence[Look], lock: int | None) -> list[tuple[bool, int, int]]:
@@ -118,7 +123,7 @@ def _gaps(looks: Sequence[Look], lock: int | None) -> list[tuple[bool, int, int]
     gaps = []
     start: int | None = None
     for row in range(lock if lock is not None else len(looks), len(looks)):
-        valid = looks[row].detection.valid
+        valid = looks[row].measured
         if not valid and start is None:
             start = row
         if start is not None and (valid or row == len(looks) - 1):
@@ -133,38 +138,50 @@ def _band_rows(config: Config, name: str, approaches: Sequence[Sequence[Look]]) 
     rows: list[Row] = []
     for far, near in BANDS_M:
         looks = [
-            look
-            for looks in approaches
-            for look in looks
-            if look.detection.valid and near <= look.view.relative.x_m < far
+            look for looks in approaches for look in looks if look.measured and near <= look.view.relative.x_m < far
         ]
         if not looks:
             continue
-        truth = np.array([look.view.relative.as_array() for look in looks])
-        poses = np.array([_pose(look).as_array() for look in looks])
-        error = poses - truth
-        decomposed = [
-            look.detection.theta_homography_rad - look.view.relative.theta_rad
-            for look in looks
-            if look.detection.theta_homography_rad is not None
-        ]
-        middle = pose_bound(config, Pose2(0.5 * (far + near), 0.0, 0.0), REFERENCE_SIGMA_PX)
-        metrics = {
-            "frames": len(looks),
-            "x_rms_cm": 100.0 * _rms(error[:, 0]),
-            "y_rms_cm": 100.0 * _rms(error[:, 1]),
-            "theta_rms_deg": math.degrees(_rms(error[:, 2])),
-            "theta_homography_rms_deg": math.degrees(_rms(np.array(decomposed))) if decomposed else math.nan,
-            "theta_bound_deg": math.degrees(middle[2]),
-        }
-        rows.append({"method": "pose", "case": f"{name} {far:g}–{near:g} m", "metrics": metrics})
+        rows.append({"method": "pose", "case": f"{name} {far:g}–{near:g} m", "metrics": _pose_metrics(config, looks)})
     return rows
 
 
-def _pose(look: Look) -> Pose2:
-    if look.detection.pose is None:
-        raise ValueError(f"frame {look.view.frame_sequence} is valid without a pose")
-    return look.detection.pose
+def _pose_metrics(config: Config, looks: Sequence[Look]) -> dict[str, float | None]:
+    """Errors of the filtered pose and of the frames' own fits, and the bound of a fit at the frames' own noise."""
+    truth = np.array([look.view.relative.as_array() for look in looks])
+    filtered = (
+        np.array([(look.detection.x_m, look.detection.y_m, look.detection.theta_rad) for look in looks]) - truth
+    )
+    fit = np.array([_fit(look) for look in looks]) - truth
+    decomposed = [
+        look.detection.theta_homography_rad - look.view.relative.theta_rad
+        for look in looks
+        if look.detection.theta_homography_rad is not None
+    ]
+    away_px = np.array([features_px(config, look.detection) - look.leds_px for look in looks])
+    sigma_px = float(np.sqrt(np.nanmean(away_px**2)))
+    bounds = np.array([pose_bound(config, look.view.relative, sigma_px) for look in looks[::_BOUND_EVERY]])
+    bound = np.sqrt((bounds**2).mean(axis=0))
+    return {
+        "frames": len(looks),
+        "sigma_px": sigma_px,
+        "x_rms_cm": 100.0 * _rms(filtered[:, 0]),
+        "y_rms_cm": 100.0 * _rms(filtered[:, 1]),
+        "theta_rms_deg": math.degrees(_rms(filtered[:, 2])),
+        "fit_x_rms_cm": 100.0 * _rms(fit[:, 0]),
+        "fit_y_rms_cm": 100.0 * _rms(fit[:, 1]),
+        "fit_theta_rms_deg": math.degrees(_rms(fit[:, 2])),
+        "theta_homography_rms_deg": math.degrees(_rms(np.array(decomposed))) if decomposed else None,
+        "x_bound_cm": 100.0 * float(bound[0]),
+        "y_bound_cm": 100.0 * float(bound[1]),
+        "theta_bound_deg": math.degrees(bound[2]),
+    }
+
+
+def _fit(look: Look) -> tuple[float, float, float]:
+    if look.detection.fit is None:
+        raise ValueError(f"frame {look.view.frame_sequence} is valid without a fit")
+    return look.detection.fit[:3]
 
 
 def _rms(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
@@ -178,7 +195,7 @@ def _write_picture(path: Path, optics: Optics, config: Config, look: Look) -> No
     canvas = cv2.cvtColor(cv2.convertScaleAbs(image, alpha=1.5), cv2.COLOR_GRAY2BGR)
     for u, v in np.rint(look.leds_px).astype(int):
         cv2.circle(canvas, (int(u), int(v)), 14, (90, 90, 255), 1, cv2.LINE_AA)
-    pixels = config.camera.pinhole.to_pixels(look.detection.features)
+    pixels = features_px(config, look.detection)
     for led, (u, v) in enumerate(pixels):
         if np.isfinite(u):
             at = (round(float(u)), round(float(v)))
@@ -199,8 +216,11 @@ def _markdown(rows: Sequence[Row]) -> str:
         names = list(chosen[0]["metrics"])
         parts.append(f"| {kind} | " + " | ".join(names) + " |\n|---|" + "---:|" * len(names))
         parts += [
-            f"| {row['case']} | " + " | ".join(f"{row['metrics'][name]:.4g}" for name in names) + " |"
-            for row in chosen
+            f"| {row['case']} | " + " | ".join(_cell(row["metrics"][name]) for name in names) + " |" for row in chosen
         ]
         parts.append("")
     return "\n".join(parts) + "\n"
+
+
+def _cell(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"

@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import islice
 from pathlib import Path
 
 import pytest
 
-from common.config import Config
+from common.config import CameraConfig, Config
 from common.geometry import Pose2
 from experiments import bench_perception, perception
+from experiments.approach import approach
 from experiments.identification import CASES, Case, identification_rates
+from experiments.perception import scene_metrics
 from experiments.pose_bound import pose_bound, theta_errors
+from follower.estimator.state import StateEstimator
+from sim.optics import Optics
+from sim.scenes import CLEAN, Scene, SecondArray
 
 
 @pytest.mark.parametrize("distance_m", [1.5, 3.0, 6.0, 9.0])
 def test_default_route_is_near_the_bound(config: Config, distance_m: float) -> None:
     (error,) = theta_errors(config, (distance_m,), 0.2, trials=400, seed=1)
     assert error.planar_fit_deg <= 1.3 * error.bound_deg
+    assert error.planar_fit_failed_percent == 0.0
     assert error.homography_deg > error.bound_deg
 
 
@@ -47,9 +54,31 @@ def test_experiment_writes_rows_table_and_picture(config: Config, tmp_path: Path
     assert scene["metrics"]["losses"] == scene["metrics"]["wrong_led_frames"] == 0
     bands = [row for row in results["rows"] if row["method"] == "pose"]
     assert len(bands) == 4
-    assert all(row["metrics"]["theta_rms_deg"] < row["metrics"]["theta_bound_deg"] for row in bands)
+    for metrics in (row["metrics"] for row in bands):
+        assert 0.5 < metrics["fit_theta_rms_deg"] / metrics["theta_bound_deg"] < 2.0, "at the frames' own noise"
+        assert metrics["theta_rms_deg"] < metrics["fit_theta_rms_deg"], "the observer filters"
     assert "| clean |" in (tmp_path / "perception.md").read_text()
     assert (tmp_path / "scene_clean.png").stat().st_size > 1000
+
+
+def test_an_approach_that_never_locks_is_a_loss_and_results_stay_json(config: Config) -> None:
+    optics = Optics(config.camera, config.leds, seed=1)
+    scene = Scene(others=(SecondArray(Pose2(0.5, 2.0, 0.1)),))
+    seen = list(islice(approach(config, optics, StateEstimator(config), scene, 0), 20))
+    counted = scene_metrics([seen])
+    assert counted["never_locked"] == counted["losses"] == counted["losses_leds_visible"] == 1
+    assert counted["ambiguous_percent"] == 100.0
+    json.dumps(counted, allow_nan=False)
+
+
+def test_features_are_judged_through_the_whole_lens(config: Config) -> None:
+    bent = {**config.camera.lens.model_dump(), "model": "rational", "coefficients": (-0.2, 0.03, *(0.0,) * 6)}
+    camera = CameraConfig.model_validate({**config.camera.model_dump(), "lens": bent})
+    robots = config.model_copy(update={"camera": camera})
+    optics = Optics(camera, config.leds, seed=1)
+    seen = [look for look in islice(approach(robots, optics, StateEstimator(robots), CLEAN, 0), 12) if look.measured]
+    assert seen
+    assert all(look.wrong_leds == 0 for look in seen)
 
 
 def test_bench_writes_every_method(config: Config, tmp_path: Path) -> None:

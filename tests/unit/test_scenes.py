@@ -12,7 +12,7 @@ from common.config import Config
 from common.geometry import Pose2
 from experiments.approach import Look, approach
 from experiments.perception import scene_metrics
-from follower.estimator.pipeline import Perception
+from follower.estimator.state import StateEstimator
 from sim.optics import Optics, View
 from sim.scenes import CLEAN, SCENES, Lamp, LedFault, Scene, SecondArray, Walker, Wall, named_scene
 
@@ -25,7 +25,7 @@ def optics(config: Config) -> Optics:
 
 
 def looks(config: Config, optics: Optics, scene: Scene, seed: int, frames: int) -> list[Look]:
-    return list(islice(approach(config, optics, Perception(config), scene, seed), frames))
+    return list(islice(approach(config, optics, StateEstimator(config), scene, seed), frames))
 
 
 def test_an_unknown_scene_is_named() -> None:
