@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,11 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
 
 
 class ReplaySource:
-    """Frame k at k periods after the first grab; after the last there are no more frames."""
+    """Frame k at k periods after the first grab; after the last there are no more frames.
+
+    Numbers in file names count as numbers. An image that cannot be read is a lost camera; opened again, it goes on
+    with the next.
+    """
 
     inputs: tuple[Channel[Any], ...] = ()
 
@@ -28,6 +33,7 @@ class ReplaySource:
         self._period_ns = round(NS_PER_S / self._camera.rate_hz)
         self.trigger = Trigger(period_ns=self._period_ns)
         self._files: list[Path] = []
+        self._taken = 0
         self._video: cv2.VideoCapture | None = None
         self._due_ns: int | None = None
 
@@ -41,8 +47,9 @@ class ReplaySource:
         if not self._camera.device:
             raise DeviceError("camera.device: name a folder of images or a video file to replay")
         if self._path.is_dir():
-            self._files = sorted(path for path in self._path.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
-            if not self._files:
+            images = [path for path in self._path.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
+            self._files = sorted(images, key=_by_number)[self._taken :]
+            if not images:
                 raise DeviceError(f"{self._path}: no images ({', '.join(IMAGE_SUFFIXES)}) in this folder")
             return
         video = cv2.VideoCapture(str(self._path)) if self._path.is_file() else None
@@ -70,7 +77,7 @@ class ReplaySource:
         return Capture(capture_ns, self._camera.exposure_us, self._camera.gain, f"replay:{self._path.name}")
 
     def close(self) -> None:
-        """Forget the files; opened again, it begins anew."""
+        """Let go of the files; opened again, a video begins anew, a folder goes on."""
         if self._video is not None:
             self._video.release()
         self._video = None
@@ -85,7 +92,13 @@ class ReplaySource:
         if not self._files:
             return None
         path = self._files.pop(0)
+        self._taken += 1
         grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         if grey is None:
             raise DeviceError(f"{path}: not an image that OpenCV can read")
         return path, np.asarray(grey, np.uint8)
+
+
+def _by_number(path: Path) -> list[tuple[int, str]]:
+    """Order of file names in which 2 comes before 10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", path.name)]

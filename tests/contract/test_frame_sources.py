@@ -336,6 +336,25 @@ def test_replay_keeps_its_rate_and_ends(config: Config, tmp_path: Path) -> None:
     assert grab(source, NOW_NS + 9 * period_ns)[1] is None
 
 
+def test_replay_counts_numbers_and_goes_on_after_a_broken_image(config: Config, tmp_path: Path) -> None:
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for number in (1, 2, 9, 10, 11):
+        cv2.imwrite(str(folder / f"frame{number}.png"), np.full((HEIGHT, WIDTH), number, np.uint8))
+    (folder / "frame9.png").write_bytes(b"not an image")
+    source = ReplaySource(context(config, tmp_path, "replay", str(folder)))
+    seen, now_ns = [], NOW_NS
+    for _ in range(8):
+        source.open()
+        try:
+            while (shot := grab(source, now_ns := now_ns + NS_PER_S))[1] is not None:
+                seen.append(int(shot[0][0, 0]))
+        except DeviceError as error:
+            assert "frame9.png" in str(error)  # noqa: PT017 - which it was is the point
+        source.close()
+    assert seen == [1, 2, 10, 11], "in order, none twice, the broken one left out"
+
+
 def test_replay_plays_a_video(config: Config, tmp_path: Path) -> None:
     path = tmp_path / "film.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 60.0, (WIDTH, HEIGHT))

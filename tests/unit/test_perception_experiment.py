@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
 import pytest
 
 from common.config import CameraConfig, Config
-from common.geometry import Pose2
+from common.geometry import Pose2, features_at
 from experiments import bench_perception, perception
-from experiments.approach import approach
+from experiments.approach import approach, wrong_leds
 from experiments.identification import CASES, Case, identification_rates
 from experiments.perception import scene_metrics
 from experiments.pose_bound import pose_bound, theta_errors
 from follower.estimator.state import StateEstimator
-from sim.optics import Optics
-from sim.scenes import CLEAN, Scene, SecondArray
+from sim.optics import Optics, View
+from sim.scenes import Scene, SecondArray
 
 
 @pytest.mark.parametrize("distance_m", [1.5, 3.0, 6.0, 9.0])
@@ -72,13 +73,15 @@ def test_an_approach_that_never_locks_is_a_loss_and_results_stay_json(config: Co
 
 
 def test_features_are_judged_through_the_whole_lens(config: Config) -> None:
-    bent = {**config.camera.lens.model_dump(), "model": "rational", "coefficients": (-0.2, 0.03, *(0.0,) * 6)}
+    bent = {**config.camera.lens.model_dump(), "model": "rational", "coefficients": (-0.6, 0.2, *(0.0,) * 6)}
     camera = CameraConfig.model_validate({**config.camera.model_dump(), "lens": bent})
     robots = config.model_copy(update={"camera": camera})
-    optics = Optics(camera, config.leds, seed=1)
-    seen = [look for look in islice(approach(robots, optics, StateEstimator(robots), CLEAN, 0), 12) if look.measured]
-    assert seen
-    assert all(look.wrong_leds == 0 for look in seen)
+    near = Pose2(1.8, 0.5, 0.2)
+    leds_px, _ = Optics(camera, config.leds, seed=1).led_truth(View(1, near, (1.0,) * 4))
+    features = tuple((float(a), float(b)) for a, b in features_at(config.leds.points, near, camera.mount))
+    state = replace(StateEstimator(robots).no_frame(0), features=(None, *features[1:]))
+    assert wrong_leds(robots, state, leds_px) == 0
+    assert wrong_leds(config, state, leds_px) == 3, "another lens puts them elsewhere"
 
 
 def test_bench_writes_every_method(config: Config, tmp_path: Path) -> None:
