@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
+
 import numpy as np
 
 from common.config import LimitsConfig
 from common.geometry import Array
 from follower.controller.interface import SpeedCaps
+
+_MOST_TIMES_LIMIT = 10.0  # a last command so far beyond the limits is no command of this robot
+
+
+def possible_request(caps: SpeedCaps, last_applied: tuple[float, float], limits: LimitsConfig) -> bool:
+    """Whether bounds can be made of these: all finite, no cap inverted, and a last command the robot could drive."""
+    if len(last_applied) != 2 or not np.isfinite([*last_applied, *astuple(caps)]).all():
+        return False
+    fastest = max(abs(limits.v_min_m_s), limits.v_max_m_s), limits.w_max_rad_s
+    drivable = all(abs(u) <= _MOST_TIMES_LIMIT * most for u, most in zip(last_applied, fastest, strict=True))
+    v_low, v_high = max(caps.v_min_m_s, limits.v_min_m_s), min(caps.v_max_m_s, limits.v_max_m_s)
+    return drivable and v_low <= v_high and caps.w_max_rad_s >= 0.0
 
 
 def reachable_bounds(

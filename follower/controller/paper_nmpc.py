@@ -20,13 +20,18 @@ from follower.controller.interface import (
     SpeedCaps,
     failed_plan,
 )
-from follower.controller.limits import reachable_bounds
+from follower.controller.limits import possible_request, reachable_bounds
 from follower.controller.model import extended_state, flipped_features
+from follower.controller.optimality import worst_complementarity
 from follower.controller.transcription import Transcription
 from follower.motion import NO_DISTURBANCE, MotionDisturbance
 
 TOLERANCE = 1e-4
-_STATUSES = {
+OPTIMALITY = 1e-4  # of the KKT residuals; both solvers end below 1e-6
+MOST_OFF_AXIS = 100.0  # normalised: a feature or heading beyond is no measurement
+_STATUSES: dict[int | str, PlanStatus] = {  # fatrop's IpSolverReturnFlag and IPOPT's names
+    1: PlanStatus.ITERATION_LIMIT,
+    3: PlanStatus.INFEASIBLE,
     "Maximum_Iterations_Exceeded": PlanStatus.ITERATION_LIMIT,
     "Infeasible_Problem_Detected": PlanStatus.INFEASIBLE,
 }
@@ -82,7 +87,7 @@ class PaperNmpc:
         self._limits = limits
         self._shape = ProblemShape(len(points_l), controller.horizon)
         self._visible = visibility_bounds(pinhole, controller.visibility_margin_px, len(points_l))
-        self._solver, self._constraint_bounds = self._build(solver)
+        self._solver, self._slope, self._constraint_bounds = self._build(solver)
         self._warm: Array | None = None
 
     def warm_up(self) -> None:
@@ -112,37 +117,44 @@ class PaperNmpc:
         wheels: tuple[float, float] | None = None,  # noqa: ARG002 - nor a lag
     ) -> Plan:
         """Solve eq. (nmpc_problem) from x_init = [features, θ]; see :class:`PredictiveController`."""
-        shape = self._shape
+        shape, points = self._shape, (self._shape.points, 2)
         start = extended_state(features, theta_rad)
         desired = extended_state(desired_features, desired_theta_rad)
-        if not (np.isfinite(start).all() and np.isfinite(desired).all() and start.size == shape.state):
+        measured = np.shape(features) == np.shape(desired_features) == points and bool(
+            np.all(np.abs(np.concatenate([start, desired])) <= MOST_OFF_AXIS)
+        )
+        if not measured or not possible_request(caps, last_applied, self._limits):
             return failed_plan(PlanStatus.INVALID_INPUT, shape.horizon, shape.state)
         if flipped_features(features, self._heights):
             return failed_plan(PlanStatus.FLIPPED_FEATURE, shape.horizon, shape.state)
         low, high = self._variable_bounds(caps, last_applied)
         guess = self._hold(start, last_applied) if self._warm is None else self._shifted(start, last_applied)
-        solution = self._solver(
-            x0=guess,
-            p=np.concatenate([start, last_applied, desired]),
-            lbx=low,
-            ubx=high,
-            lbg=self._constraint_bounds[0],
-            ubg=self._constraint_bounds[1],
-        )
-        values, residuals = np.asarray(solution["x"]).ravel(), np.asarray(solution["g"]).ravel()
+        parameters = np.concatenate([start, last_applied, desired])
         lower, upper = self._constraint_bounds
-        worst = max((low - values).max(), (values - high).max(), (lower - residuals).max(), (residuals - upper).max())
-        return self._plan(values, float(worst), float(solution["f"]), self._solver.stats())
+        self._warm = None
+        try:
+            answer = self._solver(x0=guess, p=parameters, lbx=low, ubx=high, lbg=lower, ubg=upper)
+        except RuntimeError:  # CasADi's way of reporting that a solver broke off
+            return failed_plan(PlanStatus.NUMERICAL_FAILURE, shape.horizon, shape.state)
+        stats = self._solver.stats()
+        if not stats["success"] or not self._optimal(answer, parameters, low, high):
+            status = _STATUSES.get(stats["return_status"], PlanStatus.NUMERICAL_FAILURE)
+            return failed_plan(status, shape.horizon, shape.state, int(stats.get("iter_count", 0)))
+        return self._plan(np.asarray(answer["x"]).ravel(), float(answer["f"]), int(stats["iter_count"]))
 
-    def _plan(self, solution: Array, worst_violation: float, objective: float, stats: dict[str, Any]) -> Plan:
-        """Trust no status alone: a solution counts only if it also keeps its constraints."""
+    def _optimal(self, answer: dict[str, Any], parameters: Array, low: Array, high: Array) -> bool:
+        """Trust no status: a solution counts only if it keeps its constraints and the optimality conditions."""
+        x, g, lam_x, lam_g = (np.asarray(answer[name]).ravel() for name in ("x", "g", "lam_x", "lam_g"))
+        lower, upper = self._constraint_bounds
+        if not all(np.isfinite(part).all() for part in (x, g, lam_x, lam_g)):
+            return False
+        violation = max((low - x).max(), (x - high).max(), (lower - g).max(), (g - upper).max())
+        slope = np.asarray(self._slope(x, parameters, lam_g)).ravel() + lam_x
+        looseness = max(worst_complementarity(lam_x, x, low, high), worst_complementarity(lam_g, g, lower, upper))
+        return bool(violation <= TOLERANCE and np.abs(slope).max() <= OPTIMALITY and looseness <= OPTIMALITY)
+
+    def _plan(self, solution: Array, objective: float, iterations: int) -> Plan:
         shape = self._shape
-        iterations = int(stats.get("iter_count", 0))
-        kept = bool(np.isfinite(solution).all()) and worst_violation <= TOLERANCE
-        if not stats["success"] or not kept:
-            self._warm = None
-            status = _STATUSES.get(str(stats["return_status"]), PlanStatus.NUMERICAL_FAILURE)
-            return failed_plan(status, shape.horizon, shape.state, iterations)
         self._warm = solution
         stages = solution[: shape.stage * shape.horizon].reshape(shape.horizon, shape.stage)
         terminal = solution[shape.stage * shape.horizon :][: shape.state]
@@ -155,8 +167,8 @@ class PaperNmpc:
             np.vstack([stages[:, : shape.state], terminal]),
         )
 
-    def _build(self, solver: str) -> tuple[ca.Function, tuple[Array, Array]]:
-        """The NLP solver and the bounds of its constraints."""
+    def _build(self, solver: str) -> tuple[ca.Function, ca.Function, tuple[Array, Array]]:
+        """The NLP solver, the slope of the Lagrangian, and the bounds of the constraints."""
         nlp = Transcription(self._config, self._limits, self._heights, self._camera, self._visible)
         problem = {
             "x": ca.vertcat(*nlp.variables),
@@ -173,7 +185,8 @@ class PaperNmpc:
             }
         else:
             options["ipopt"] = {"print_level": 0, "sb": "yes", "max_iter": 200, "tol": 1e-7}
-        return ca.nlpsol("paper_nmpc", solver, problem, options), (np.array(nlp.lower), np.array(nlp.upper))
+        bounds = np.array(nlp.lower), np.array(nlp.upper)
+        return ca.nlpsol("paper_nmpc", solver, problem, options), nlp.lagrangian_slope(), bounds
 
     def _variable_bounds(self, caps: SpeedCaps, last_applied: tuple[float, float]) -> tuple[Array, Array]:
         """Bounds of u and σ; a cap below the speed now driven is reached as fast as the rate limit allows."""

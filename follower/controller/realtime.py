@@ -22,7 +22,8 @@ from follower.controller.interface import (
     failed_plan,
 )
 from follower.controller.knots import KnotBasis
-from follower.controller.limits import reachable_bounds
+from follower.controller.limits import possible_request, reachable_bounds
+from follower.controller.optimality import quadratic_residual
 from follower.controller.paper_nmpc import visibility_bounds
 from follower.controller.rollout import Rollout, roll_out
 from follower.controller.wheel_lag import wheel_response
@@ -31,6 +32,7 @@ from follower.motion import NO_DISTURBANCE, MotionDisturbance
 COLD_STEPS = 5  # without a warm start; closed loop does the rest
 CONVERGED = 1e-5
 TOLERANCE = 1e-6
+OPTIMALITY = 1e-6  # of the KKT residual, relative to the gradient; daqp ends near 1e-14
 NEAR_EDGE = 0.2  # normalised; features farther inside get no row
 _SOFT = 8  # daqp's flag of a constraint that may be violated at a cost
 _STATUSES = {-1: PlanStatus.INFEASIBLE, -4: PlanStatus.ITERATION_LIMIT}
@@ -107,8 +109,9 @@ class RealtimeController:
         """One step from the last solution, several from none; see :class:`PredictiveController`."""
         desired = np.append(np.asarray(desired_features, dtype=float).reshape(-1), desired_theta_rad)
         horizon = self._knots.basis.shape[0]
-        finite = np.isfinite([*pose.as_array(), *last_applied, *astuple(disturbance)])
-        if desired.size != self._terminal_weight.size or not (finite.all() and np.isfinite(desired).all()):
+        finite = np.isfinite([*pose.as_array(), *(wheels or ()), *astuple(disturbance)])
+        sound = desired.size == self._terminal_weight.size and finite.all() and np.isfinite(desired).all()
+        if not sound or not possible_request(caps, last_applied, self._limits):
             return failed_plan(PlanStatus.INVALID_INPUT, horizon, 3)
         knots, steps = self._guess(last_applied)
         free = np.outer(last_applied if wheels is None else wheels, self._lag_free)
@@ -167,18 +170,16 @@ class RealtimeController:
         gradient[0] -= 2 * self._rate_weight[0] * last_applied[0]
         gradient[self._size] -= 2 * self._rate_weight[1] * last_applied[1]
         rows, row_lower, row_upper = self._visibility_rows(rolled, knots)
-        solution, _, flag, info = daqp.solve(
-            hessian,
-            gradient,
-            np.vstack([self._rate_rows, rows]),
-            np.concatenate([upper, self._rate_bounds, row_upper]),
-            np.concatenate([lower, -self._rate_bounds, row_lower]),
-            np.concatenate(
-                [np.zeros(lower.size + self._rate_bounds.size, np.int32), np.full(len(rows), _SOFT, np.int32)]
-            ),
-            rho_soft=self._soft,
-        )
-        return self._checked(flag, solution, lower, upper), solution, int(info["iterations"])
+        matrix = np.vstack([self._rate_rows, rows])
+        high = np.concatenate([upper, self._rate_bounds, row_upper])
+        low = np.concatenate([lower, -self._rate_bounds, row_lower])
+        soft = np.repeat(np.array([0, _SOFT], np.int32), [lower.size + self._rate_bounds.size, len(rows)])
+        solution, _, flag, info = daqp.solve(hessian, gradient, matrix, high, low, soft, rho_soft=self._soft)
+        status = self._checked(flag, solution, lower, upper)
+        if status is PlanStatus.SOLVED:
+            residual = quadratic_residual(hessian, gradient, matrix, (low, high), solution, info["lam"])
+            status = status if residual <= OPTIMALITY else PlanStatus.NUMERICAL_FAILURE
+        return status, solution, int(info["iterations"])
 
     def _checked(self, flag: int, solution: Array, lower: Array, upper: Array) -> PlanStatus:
         """Trust no flag: a solution counts only if it keeps the hard bounds."""

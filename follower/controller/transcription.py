@@ -46,6 +46,13 @@ class Transcription:
         self.parameters = ca.SX.sym("p", 2 * self.size + 2)
         self._write()
 
+    def lagrangian_slope(self) -> ca.Function:
+        """∂/∂x of cost + λᵀ constraints, from (variables, parameters, λ)."""
+        variables, constraints = ca.vertcat(*self.variables), ca.vertcat(*self.constraints)
+        multipliers = ca.SX.sym("lambda", constraints.shape[0])
+        slope = ca.gradient(self.cost + ca.dot(multipliers, constraints), variables)
+        return ca.Function("lagrangian_slope", [variables, self.parameters, multipliers], [slope])
+
     def _write(self) -> None:
         size, horizon = self.size, self._controller.horizon
         period_s = self._controller.period_ms * 1e-3

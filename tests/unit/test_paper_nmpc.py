@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -17,8 +19,10 @@ from common.geometry import (
     move_relative,
     pose_from_paper_start,
 )
+from follower.controller import paper_nmpc
 from follower.controller.interface import PlanStatus, PredictiveController, SpeedCaps, make_controller
 from follower.controller.model import euler_step, extended_state, symbolic_euler_step
+from follower.controller.paper_nmpc import PaperNmpc
 
 CONFIG = load_config(default_config_path(), ['controller.solver="fatrop"', "controller.effort_weight=[0.003, 0.003]"])
 POINTS, CAMERA = CONFIG.leds.points, CONFIG.camera.mount
@@ -121,6 +125,116 @@ def test_lies_and_noise_become_a_status(controller: PredictiveController) -> Non
     missing = features(pose)
     missing[2] = np.nan
     assert controller.solve(pose, missing, 0.0, GOAL, 0.0, (0.0, 0.0), CAPS).status is PlanStatus.INVALID_INPUT
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), 1e6])
+@pytest.mark.parametrize("place", [0, 1])
+def test_a_command_no_robot_drove_is_a_status(controller: PredictiveController, bad: float, place: int) -> None:
+    pose, applied = Pose2(4.0, 0.0, 0.0), [0.0, 0.0]
+    applied[place] = bad
+    plan = controller.solve(pose, features(pose), 0.0, GOAL, 0.0, (applied[0], applied[1]), CAPS)
+    assert plan.status is PlanStatus.INVALID_INPUT
+
+
+@pytest.mark.parametrize(
+    "caps",
+    [
+        SpeedCaps(-0.1, float("nan"), 0.6),
+        SpeedCaps(float("nan"), 0.3, 0.6),
+        SpeedCaps(-0.1, 0.3, float("nan")),
+        SpeedCaps(0.3, 0.2, 0.6),
+        SpeedCaps(5.0, 6.0, 0.6),
+        SpeedCaps(-0.1, 0.3, -0.2),
+    ],
+)
+def test_caps_that_leave_no_speed_are_a_status(controller: PredictiveController, caps: SpeedCaps) -> None:
+    pose = Pose2(4.0, 0.0, 0.0)
+    plan = controller.solve(pose, features(pose), 0.0, GOAL, 0.0, (0.0, 0.0), caps)
+    assert plan.status is PlanStatus.INVALID_INPUT
+
+
+def test_a_wrong_number_of_points_is_a_status(controller: PredictiveController) -> None:
+    pose = Pose2(4.0, 0.0, 0.0)
+    for seen, wanted in ((features(pose), GOAL[:3]), (features(pose)[:3], GOAL), (features(pose).ravel(), GOAL)):
+        assert controller.solve(pose, seen, 0.0, wanted, 0.0, (0.0, 0.0), CAPS).status is PlanStatus.INVALID_INPUT
+
+
+class _Solver:
+    """Stands in for CasADi's: the true answer changed, a status of its own, or an exception."""
+
+    def __init__(self, honest: Any, scale: float = 1.0, status: object = None, broken: bool = False) -> None:
+        self._honest, self._scale, self._status, self._broken = honest, scale, status, broken
+
+    def __call__(self, **problem: Any) -> dict[str, Any]:
+        if self._broken:
+            raise RuntimeError("solver broke off")
+        answer: dict[str, Any] = dict(self._honest(**problem))
+        if self._scale != 1.0:
+            return answer | {"x": _slower(answer["x"], problem["p"], self._scale)}
+        return answer
+
+    def stats(self) -> dict[str, Any]:
+        if self._status is None:
+            return dict(self._honest.stats())
+        return {"success": False, "return_status": self._status, "iter_count": 7}
+
+
+def _slower(solution: Any, parameters: Array, scale: float) -> Array:
+    """A solution with the inputs scaled and the states that follow from them: it keeps every constraint."""
+    size, horizon = 9, CONFIG.controller.horizon
+    x = np.array(solution).ravel()
+    stages = x[: horizon * (size + 5)].reshape(horizon, size + 5)
+    state, applied = parameters[:size], parameters[size : size + 2]
+    for stage in stages:
+        stage[:size], stage[size : size + 2] = state, applied
+        stage[size + 2 : size + 4] *= scale
+        applied = stage[size + 2 : size + 4].copy()
+        state = euler_step(state, applied[0], applied[1], 0.05, HEIGHTS, CAMERA)
+    x[-3 - size : -1] = np.concatenate([state, applied])
+    return x
+
+
+@pytest.mark.parametrize("solver", ["fatrop", "ipopt"])
+def test_a_feasible_lie_is_caught(monkeypatch: pytest.MonkeyPatch, solver: str) -> None:
+    made, pose = make_controller(_with(CONFIG, solver)), Pose2(4.0, 0.4, 0.1)
+    assert isinstance(made, PaperNmpc)
+    arguments = (pose, features(pose), pose.theta_rad, GOAL, 0.0, (0.0, 0.0), CAPS)
+    assert made.solve(*arguments).usable
+    made.reset()
+    monkeypatch.setattr(made, "_solver", _Solver(made._solver, scale=0.9))
+    assert made.solve(*arguments).status is PlanStatus.NUMERICAL_FAILURE
+    monkeypatch.setattr(paper_nmpc, "OPTIMALITY", np.inf)
+    assert made.solve(*arguments).usable  # so it is the optimality alone that tells
+
+
+@pytest.mark.parametrize(
+    ("status", "expected"),
+    [
+        (1, PlanStatus.ITERATION_LIMIT),
+        (3, PlanStatus.INFEASIBLE),
+        (4, PlanStatus.NUMERICAL_FAILURE),
+        ("Maximum_Iterations_Exceeded", PlanStatus.ITERATION_LIMIT),
+        ("Infeasible_Problem_Detected", PlanStatus.INFEASIBLE),
+    ],
+)
+def test_each_solvers_way_to_fail_is_a_status(
+    monkeypatch: pytest.MonkeyPatch, controller: PredictiveController, status: object, expected: PlanStatus
+) -> None:
+    assert isinstance(controller, PaperNmpc)
+    monkeypatch.setattr(controller, "_solver", _Solver(controller._solver, status=status))
+    pose = Pose2(4.0, 0.4, 0.1)
+    plan = controller.solve(pose, features(pose), pose.theta_rad, GOAL, 0.0, (0.0, 0.0), CAPS)
+    assert (plan.status, plan.iterations) == (expected, 7)
+
+
+def test_a_solver_that_breaks_off_is_a_status(
+    monkeypatch: pytest.MonkeyPatch, controller: PredictiveController
+) -> None:
+    assert isinstance(controller, PaperNmpc)
+    monkeypatch.setattr(controller, "_solver", _Solver(controller._solver, broken=True))
+    pose = Pose2(4.0, 0.4, 0.1)
+    plan = controller.solve(pose, features(pose), pose.theta_rad, GOAL, 0.0, (0.0, 0.0), CAPS)
+    assert plan.status is PlanStatus.NUMERICAL_FAILURE
 
 
 @pytest.mark.parametrize("start", PAPER_STARTS)

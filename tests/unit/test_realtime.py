@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from common.config import Config, ConfigError, default_config_path, load_config
 from common.geometry import Array, Pose2, features_at, move_relative, pose_from_paper_start
+from follower.controller import realtime
 from follower.controller.interface import PlanStatus, SpeedCaps, make_controller
 from follower.controller.knots import KnotBasis
 from follower.controller.realtime import RealtimeController
@@ -168,14 +169,49 @@ def test_docks_from_the_papers_starts(start: tuple[float, float, float], disturb
 def test_solver_that_fails_or_lies_is_caught(
     monkeypatch: pytest.MonkeyPatch, flag: int, answer: float, status: PlanStatus
 ) -> None:
-    def lying(hessian: Array, *_: Any, **__: Any) -> tuple[Array, float, int, dict[str, int]]:
-        return np.full(len(hessian), answer), 0.0, flag, {"iterations": 1}
+    def lying(hessian: Array, *_: Any, **__: Any) -> tuple[Array, float, int, dict[str, Any]]:
+        return np.full(len(hessian), answer), 0.0, flag, {"iterations": 1, "lam": np.zeros(3 * len(hessian))}
 
     monkeypatch.setattr(daqp, "solve", lying)
     plan = make().solve(Pose2(3.0, 0.0, 0.0), GOAL, 0.0, GOAL, 0.0, (0.0, 0.0), CAPS)
     assert plan.status is status
     assert not plan.usable
     assert not plan.v_m_s.any()
+
+
+@pytest.mark.parametrize("own_multipliers", [True, False])
+def test_a_feasible_lie_is_caught(monkeypatch: pytest.MonkeyPatch, own_multipliers: bool) -> None:
+    honest = daqp.solve
+
+    def lying(hessian: Array, gradient: Array, matrix: Array, *rest: Any, **options: Any) -> tuple[Any, ...]:
+        solution, value, flag, info = honest(hessian, gradient, matrix, *rest, **options)
+        wrong = 0.9 * solution  # nearer to standstill: keeps every bound
+        multipliers = np.array(info["lam"])
+        if own_multipliers:  # that balance the wrong answer
+            multipliers[:] = 0.0
+            multipliers[: len(gradient)] = -(hessian @ wrong + gradient)
+        return wrong, value, flag, info | {"lam": multipliers}
+
+    arguments = (Pose2(3.0, 0.1, 0.1), GOAL, 0.0, GOAL, 0.0, (0.0, 0.0), CAPS)
+    assert make().solve(*arguments).usable
+    monkeypatch.setattr(daqp, "solve", lying)
+    assert make().solve(*arguments).status is PlanStatus.NUMERICAL_FAILURE
+    monkeypatch.setattr(realtime, "OPTIMALITY", np.inf)
+    assert make().solve(*arguments).usable  # so it is the optimality alone that tells
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), 1e6])
+def test_impossible_commands_and_caps_are_a_status(bad: float) -> None:
+    pose, good = Pose2(3.0, 0.0, 0.0), (0.0, 0.0)
+    for applied, caps in (
+        ((bad, 0.0), CAPS),
+        (good, SpeedCaps(-0.1, float("nan"), 0.6)),
+        (good, SpeedCaps(0.3, 0.2, 0.6)),
+        (good, SpeedCaps(-0.1, 0.3, -0.1)),
+    ):
+        assert make().solve(pose, GOAL, 0.0, GOAL, 0.0, applied, caps).status is PlanStatus.INVALID_INPUT
+    unknown = make().solve(pose, GOAL, 0.0, GOAL, 0.0, good, CAPS, wheels=(float("nan"), 0.0))
+    assert unknown.status is PlanStatus.INVALID_INPUT
 
 
 def test_invalid_input_is_a_status() -> None:
