@@ -7,7 +7,6 @@ side's share of a core [%]. The drives are never enabled.
 from __future__ import annotations
 
 import contextlib
-import json
 import multiprocessing
 import socket
 import time
@@ -20,6 +19,7 @@ from common.canopen_bus import CanBus
 from common.canopen_node import CanopenNode, find_eds
 from common.config import BusConfig, Config, default_config_path, load_config
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, Schedule
+from experiments.results import configuration, write_json
 from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.measurement import DriveSetpoint
 from sim.can_nodes import FollowerBus
@@ -46,10 +46,14 @@ def run(out: Path, config_path: Path | None = None, real_bus: bool = False, cycl
     with contextlib.ExitStack() as stack:
         bus = config.follower_can.bus if real_bus else stack.enter_context(_simulated_nodes(path))
         rows = [_row("sdo_round_trip", _round_trips(config, bus, path)), *_loop(config, bus, path, cycles)]
-    results = {"experiment": "bench_can", "bus": f"{bus.interface} {bus.channel}", "rows": rows}
+    results = {
+        "experiment": "bench_can",
+        "settings": configuration(config),
+        "bus": f"{bus.interface} {bus.channel}",
+        "rows": rows,
+    }
     out.mkdir(parents=True, exist_ok=True)
-    (out / "results.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-    return results
+    return write_json(out / "results.json", results)
 
 
 def _round_trips(config: Config, bus_config: BusConfig, path: Path) -> list[int]:

@@ -166,7 +166,9 @@ def run(out: Path, seed: int, jobs: int, config: Config, problems: int = 600) ->
         dv, dw = worst_difference(setting, solver, recorded, every=10)
         metrics = {**asdict(timing), "times_plain": plain / timing.median_ms, "worst_dv": dv, "worst_dw": dw}
         rows.append(row(solver, "closed_loop", len(recorded), metrics))
-    return write_results(out, "bench_control", seed, {"problems": problems}, rows + _scaling(config, seed), [])
+    return write_results(
+        out, "bench_control", seed, {"problems": problems}, rows + _scaling(config, seed), [], config
+    )
 
 
 def _scaling(config: Config, seed: int) -> list[dict[str, Any]]:

@@ -11,7 +11,6 @@ of spots, metrics) and ``bench.md``; a 99th percentile is given for a hundred sa
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import os
 import platform
@@ -27,6 +26,7 @@ from common.config import Config, default_config_path, load_config
 from common.frame_ring import Image
 from common.geometry import Array, Pose2, features_at, move_relative
 from experiments.approach import PERIOD_NS
+from experiments.results import configuration, write_json
 from follower.estimator.homography import array_normal, theta_from_homography
 from follower.estimator.identification import Identifier, Limits
 from follower.estimator.lens import Lens
@@ -82,11 +82,11 @@ def run(out: Path, config: Config | None = None, rounds: int = 200) -> dict[str,
         for method, case, median, p99, samples in timed
     ]
     machine = {"cores": os.cpu_count(), "system": platform.system(), "python": platform.python_version()}
-    results = {"bench": "perception", "machine": machine, "rows": rows}
+    results = {"bench": "perception", "settings": configuration(robots), "machine": machine, "rows": rows}
     out.mkdir(parents=True, exist_ok=True)
-    (out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    written = write_json(out / "results.json", results)
     (out / "bench.md").write_text(_markdown(rows), encoding="utf-8")
-    return results
+    return written
 
 
 def _interleaved(works: list[tuple[str, int, Work]], rounds: int) -> list[Timed]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
@@ -12,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def run_all(
@@ -41,8 +43,23 @@ def _mapped(work: Callable[[Job], Result], todo: list[Job], jobs: int) -> Iterat
     if jobs == 1:
         yield map(work, todo)
         return
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+    with _one_thread_each(), multiprocessing.get_context("spawn").Pool(jobs) as pool:
         yield pool.imap(work, todo)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes spawned here give linear algebra one thread: it reads this when a process first imports numpy."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 def _bar(console: Console | None) -> Progress:

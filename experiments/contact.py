@@ -81,7 +81,7 @@ def run(out: Path, seed: int = 1, trials: int = 100, config: Config | None = Non
         row("davpc", "approach over pads", trials, _approach_metrics(alarms)),
     ]
     settings = {"load_kg": LOAD_KG, "push_m_s": PUSH_M_S, "approach_m_s": APPROACH_M_S, "pad_height_m": PAD_HEIGHT_M}
-    results = write_results(out, "contact", seed, {"trials": trials, **settings}, rows, [])
+    results = write_results(out, "contact", seed, {"trials": trials, **settings}, rows, [], robots)
     _, pushed = push_samples(Job("push", 0, seed, text))
     _, rolled = approach_samples(Job("approach", 0, seed, text))
     draw_contact(_columns(pushed), _columns(rolled), robots.arms, out / "contact.png")

@@ -53,7 +53,7 @@ def run(
     outcomes: list[Outcome] = run_all(fly_job, all_jobs(shown), jobs, "the paper's pads")
     rows = table(todo, metrics) + table(shown, [outcome.metrics for outcome in outcomes])
     settings = _settings(trials, cases) | level_settings(config, level, cases)
-    results = write_results(out, "disturbance", seed, settings, rows, list(PAPER_DISTURBANCE))
+    results = write_results(out, "disturbance", seed, settings, rows, list(PAPER_DISTURBANCE), config)
     traces = {method: outcome.trace for method, outcome in zip(methods, outcomes, strict=True)}
     draw_disturbed_runs(traces, pads.pads, out / "disturbance.png")
     return results

@@ -6,7 +6,6 @@ detections drawn.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from common.frame_ring import Image
 from experiments.approach import PERIOD_NS, RATE_HZ, Look, approach, features_px
 from experiments.identification import CASES, identification_rates
 from experiments.pose_bound import pose_bound, theta_errors
+from experiments.results import configuration, write_json
 from follower.estimator.state import StateEstimator
 from sim.optics import Optics
 from sim.scenes import SCENES as SCENES
@@ -76,10 +76,16 @@ def run(
     for case in CASES:
         rates = identification_rates(robots, case, trials, seed=0)
         rows.append({"method": "identification", "case": case.name, "metrics": rates})
-    results = {"experiment": "perception", "seeds": seeds, "sigma_px": REFERENCE_SIGMA_PX, "rows": rows}
-    (out / "results.json").write_text(json.dumps(results, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    results = {
+        "experiment": "perception",
+        "settings": configuration(robots),
+        "seeds": seeds,
+        "sigma_px": REFERENCE_SIGMA_PX,
+        "rows": rows,
+    }
+    written = write_json(out / "results.json", results)
     (out / "perception.md").write_text(_markdown(rows), encoding="utf-8")
-    return results
+    return written
 
 
 def scene_metrics(approaches: Sequence[Sequence[Look]]) -> dict[str, Any]:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+from common.config import Config
 
 HEADINGS = {
     "e_x_cm": "e_x cm",
@@ -26,16 +29,46 @@ def row(method: str, case: str, n: int, metrics: Mapping[str, float | None]) -> 
     return {"method": method, "case": case, "n": n, "metrics": dict(metrics)}
 
 
+def json_ready(content: Any) -> Any:
+    """The same with null for every NaN and infinity: one run that never ended must not cost the others' results."""
+    if isinstance(content, Mapping):
+        return {key: json_ready(value) for key, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [json_ready(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
+
+
+def write_json(path: Path, content: dict[str, Any]) -> dict[str, Any]:
+    """Write ``content`` as strict JSON; returns what a reader of the file gets."""
+    text = json.dumps(json_ready(content), indent=1, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+    written: dict[str, Any] = json.loads(text)
+    return written
+
+
+def configuration(config: Config) -> dict[str, Any]:
+    """The configuration that an experiment was given, overrides and all, for its ``settings``."""
+    return {"configuration": config.model_dump(mode="json")}
+
+
 def write_results(
-    out: Path, experiment: str, seed: int, settings: dict[str, Any], rows: list[dict[str, Any]], paper: list[Any]
+    out: Path,
+    experiment: str,
+    seed: int,
+    settings: dict[str, Any],
+    rows: list[dict[str, Any]],
+    paper: list[Any],
+    config: Config,
 ) -> dict[str, Any]:
-    """Write ``results.json`` and ``table.md`` into the folder ``out``; returns the former's content."""
+    """Write ``results.json`` and ``table.md`` into the folder ``out``; returns the former's content.
+
+    ``config`` is kept in the settings, so that a result tells what it was measured with.
+    """
+    settings = settings | configuration(config)
     out.mkdir(parents=True, exist_ok=True)
     content = {"experiment": experiment, "seed": seed, "settings": settings, "rows": rows, "paper": paper}
-    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-    (out / "results.json").write_text(text + "\n", encoding="utf-8")
-    (out / "table.md").write_text(markdown(experiment, rows), encoding="utf-8")
-    results: dict[str, Any] = json.loads(text)
+    results = write_json(out / "results.json", content)
+    (out / "table.md").write_text(markdown(experiment, results["rows"]), encoding="utf-8")
     return results
 
 

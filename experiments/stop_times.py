@@ -8,7 +8,6 @@ its last RPDO until both drives are in quick stop. Limits: 150 ms, 250 ms for wh
 
 from __future__ import annotations
 
-import json
 import signal
 import statistics
 import tempfile
@@ -18,8 +17,9 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from common.config import default_config_path
+from common.config import default_config_path, load_config
 from common.timing import NS_PER_MS, MonotonicClock
+from experiments.results import configuration, write_json
 from experiments.stop_bench import BRIDGE, CONTROLLER, StopBench
 
 HOST_STALL_MS = 20.0
@@ -92,9 +92,15 @@ def run(
         if stalls:
             rows.append(_stall_row(bench, stalls, random))
             progress(_line(rows[-1]))
-    results = {"experiment": "stop_times", "seed": seed, "rows": rows, "passed": all(row["passed"] for row in rows)}
-    (out / "results.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-    return results
+    settings = configuration(load_config(config_path or default_config_path()))
+    results = {
+        "experiment": "stop_times",
+        "settings": settings,
+        "seed": seed,
+        "rows": rows,
+        "passed": all(row["passed"] for row in rows),
+    }
+    return write_json(out / "results.json", results)
 
 
 def _trials(bench: StopBench, method: Method, count: int, random: Random) -> tuple[list[Trial], int]:

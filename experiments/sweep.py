@@ -38,7 +38,7 @@ def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 10) -> di
         if case.name.startswith("horizon"):
             entry["metrics"]["solve_ms"] = _median_ms(setting, case, seed)
     settings = {"trials": trials, "horizons": list(HORIZONS), "bandwidths_rad_s": list(BANDWIDTHS_RAD_S)}
-    results = write_results(out, "sweep", seed, settings, rows, [])
+    results = write_results(out, "sweep", seed, settings, rows, [], config)
     draw_sweep(rows, out / "sweep.png")
     return results
 

@@ -68,7 +68,7 @@ def run(
     if "davpc" in methods and not pixels:
         rows += _bound_rows([_case(config, "davpc", name, min(trials, BOUND_RUNS), seed) for name in cases], jobs)
     settings = _settings(trials, methods) | level_settings(config, level, cases)
-    return write_results(out, "table1", seed, settings, rows, list(PAPER_TABLE))
+    return write_results(out, "table1", seed, settings, rows, list(PAPER_TABLE), config)
 
 
 def _case(config: Config, method: str, name: str, trials: int, seed: int, level: Level = "features") -> Case:

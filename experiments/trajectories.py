@@ -22,7 +22,7 @@ def run(out: Path, seed: int, jobs: int, config: Config, methods: tuple[str, ...
     outcomes = run_all(fly_job, all_jobs(cases), jobs, "trajectories")
     rows = table(cases, [outcome.metrics for outcome in outcomes])
     settings = {"starts": [list(start) for start in PAPER_STARTS], "methods": list(methods)}
-    results = write_results(out, "trajectories", seed, settings, rows, list(PAPER_TABLE))
+    results = write_results(out, "trajectories", seed, settings, rows, list(PAPER_TABLE), config)
     count = len(starts)
     traces = {
         method: [outcome.trace for outcome in outcomes[i * count : (i + 1) * count]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,10 @@ import pytest
 
 from common.config import default_config_path, load_config
 from experiments import bench_control, disturbance, table1
+from experiments.campaign import run_all
 from experiments.cramer_rao import bound
 from experiments.pilots import PilotFactory
-from experiments.results import markdown, row
+from experiments.results import markdown, row, write_results
 from experiments.scenes import DISTURBANCES, DISTURBED_START, method_config, paper_start, random_pads
 from experiments.sweep_settings import with_horizon, with_points
 from experiments.trial import METRICS, fly, goal_task, summarise
@@ -79,6 +81,35 @@ def test_settings_change_what_they_say() -> None:
     assert with_horizon(CONFIG, 20).controller.realtime.knots[-1] == 19
     assert with_points(CONFIG, 6).leds.points.shape == (6, 3)
     assert random_pads(1) == random_pads(1) != random_pads(2)
+
+
+def test_a_metric_that_is_no_number_is_null_and_costs_no_other_result(tmp_path: Path) -> None:
+    rows = [row("m", "c", 1, {"e_y_cm": float("nan"), "m_v": 0.1}), row("m", "d", 1, {"e_y_cm": float("inf")})]
+    results = write_results(tmp_path, "x", 1, {"list": [(float("nan"), 1.0)]}, rows, [], CONFIG)
+    text = (tmp_path / "results.json").read_text()
+    assert json.loads(text) == results
+    assert "NaN" not in text
+    assert "Infinity" not in text
+    assert results["rows"][0]["metrics"] == {"e_y_cm": None, "m_v": 0.1}
+    assert results["rows"][1]["metrics"] == {"e_y_cm": None}
+    assert results["settings"]["list"] == [[None, 1.0]]
+    assert "| m | c | 1 | – | 0.100 |" in (tmp_path / "table.md").read_text()
+
+
+def test_results_tell_the_configuration_with_its_overrides(tmp_path: Path) -> None:
+    config = load_config(default_config_path(), ["controller.terminal_weight=7.5"])
+    results = write_results(tmp_path, "x", 1, {}, [], [], config)
+    kept = results["settings"]["configuration"]
+    assert kept["controller"]["terminal_weight"] == 7.5
+    assert kept == json.loads(config.model_dump_json())
+
+
+def test_workers_give_linear_algebra_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    names = ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"]
+    assert run_all(os.getenv, names, 2, "threads") == ["1", "1"]
+    assert [os.getenv(name) for name in names] == ["3", None]
 
 
 def test_summary_counts_and_averages() -> None:
