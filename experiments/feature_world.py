@@ -16,7 +16,7 @@ from common.config import Config
 from common.geometry import Array, Pose2, wrap_angle
 
 STEP_S = 1 / 240
-FULL_DRIFT_SPEED_M_S = 0.05
+DRIFT_KNEE_M_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,22 @@ class Disturbances:
     """What separates the ground's truth from the command.
 
     ``load_gain`` and ``lag_s`` act on the wheels, so encoders see them; pads and ``yaw_bias_rad_s`` act between
-    wheels and ground, so they do not. Drifts fade to zero below 0.05 m/s: a pad does not move a robot that stands.
+    wheels and ground, so they do not. Drifts fade to zero below ``drift_knee_m_s``: nothing moves a robot that
+    stands. The knee is the world's own, lower than the one that the observer assumes; at 0 drifts act in full as
+    soon as the wheels turn.
     """
 
     load_gain: float = 1.0
     lag_s: float = 0.0
     yaw_bias_rad_s: float = 0.0
     pads: tuple[Pads, ...] = ()
+    drift_knee_m_s: float = DRIFT_KNEE_M_S
+
+    def moving(self, v_m_s: float) -> float:
+        """Share of the drifts that acts at a speed, 0 … 1."""
+        if self.drift_knee_m_s == 0.0:
+            return float(v_m_s != 0.0)
+        return min(1.0, abs(v_m_s) / self.drift_knee_m_s)
 
 
 @dataclass(frozen=True)
@@ -93,7 +102,7 @@ class FeatureWorld:
         v += follow * (world.load_gain * self.command[0] - v)
         w += follow * (world.load_gain * self.command[1] - w)
         self.wheels = (v, w)
-        moving = min(1.0, abs(v) / FULL_DRIFT_SPEED_M_S)
+        moving = world.moving(v)
         forward, sideways, turn = v, 0.0, w + world.yaw_bias_rad_s * moving
         for pads in world.pads:
             if pads.from_m <= -self.pose.x_m <= pads.to_m:

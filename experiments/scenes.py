@@ -78,6 +78,11 @@ DISTURBANCES = {
     ),
 }
 
+DISTURBANCES |= {
+    f"{name}_no_fade": replace(DISTURBANCES[name], drift_knee_m_s=0.0)
+    for name in ("yaw_bias", "late_pads_load_lag_bias")
+}
+
 
 def method_config(config: Config, method: str, array: str = "vertical") -> Config:
     """The configuration a method is measured with.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 from common.config import default_config_path, load_config
 from common.geometry import Pose2, features_at, move_relative
 from experiments.feature_world import Disturbances, FeatureWorld, Pads, inside_image, project
-from experiments.scenes import random_starts
+from experiments.scenes import DISTURBANCES, random_starts
 
 CONFIG = load_config(default_config_path())
 
@@ -54,6 +56,22 @@ def test_pads_act_only_where_they_lie_and_on_a_robot_that_moves() -> None:
     assert on.pose.y_m == pytest.approx(0.04, rel=1e-6)
     assert off.pose.y_m == 0.0
     assert still.pose.y_m == 0.0
+
+
+def test_drifts_fade_by_a_law_of_the_worlds_own() -> None:
+    for knee, speed, share in ((None, 0.02, 1.0), (None, 0.01, 0.5), (0.05, 0.02, 0.4), (0.0, 0.001, 1.0)):
+        bias = Disturbances(yaw_bias_rad_s=0.05)
+        world = make(bias if knee is None else replace(bias, drift_knee_m_s=knee), Pose2(-3.0, 0.0, 0.0))
+        world.command = (speed, 0.0)
+        world.advance(1.0)
+        assert world.pose.theta_rad == pytest.approx(0.05 * share, rel=1e-6)
+
+
+def test_no_fade_rows_are_cases_of_their_own() -> None:
+    assert list(DISTURBANCES)[10:] == ["yaw_bias_no_fade", "late_pads_load_lag_bias_no_fade"]
+    still = make(DISTURBANCES["yaw_bias_no_fade"], Pose2(-3.0, 0.0, 0.0))
+    still.advance(1.0)
+    assert still.pose.theta_rad == 0.0
 
 
 def test_what_is_out_of_the_image_is_not_measured() -> None:
