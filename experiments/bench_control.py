@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,17 +25,25 @@ from experiments.scenes import (
 )
 from experiments.sweep_settings import with_horizon, with_points
 from experiments.trial import fly, goal_task
+from follower.controller import realtime
 from follower.controller.interface import Plan, PredictiveController, SpeedCaps, make_controller
 from follower.motion import NO_DISTURBANCE, MotionDisturbance
 
 SOLVERS = ("plain_ipopt", "ipopt", "fatrop", "gauss_newton")
 HORIZONS = (10, 20, 30, 40, 60)
 POINTS = (4, 6, 8, 12)
+SEGMENTS = 5  # of each run, evenly spaced, the last one up to the arrival
+EPSILON_V_M_S, EPSILON_W_RAD_S = 0.01, 0.03  # a first input farther from the converged one is a silent failure
+CONVERGED_STEPS = 100
 
 
 @dataclass(frozen=True)
 class Problem:
-    """The arguments of one solve in closed loop; ``first`` begins a new run, without a warm start."""
+    """The arguments of one solve in closed loop.
+
+    ``first`` begins without a warm start. ``timed`` is false where the run itself had one: there the solve only
+    leads in.
+    """
 
     first: bool
     pose: Pose2
@@ -46,6 +55,7 @@ class Problem:
     caps: SpeedCaps
     disturbance: MotionDisturbance
     wheels: tuple[float, float] | None
+    timed: bool = True
 
     def solve(self, controller: PredictiveController) -> Plan:
         """Hand it to a controller."""
@@ -104,18 +114,36 @@ class _Recorder:
 
 
 def record_problems(config: Config, count: int, seed: int) -> list[Problem]:
-    """``count`` consecutive problems of the default method in closed loop with noise, from the paper's starts."""
+    """Problems of the default method in closed loop with noise, from the paper's starts to the arrival.
+
+    ``count`` to be timed: from each run the same number, in segments of consecutive ones spread over the whole of
+    it, and a lead-in before each segment that does not begin the run.
+    """
     task = goal_task(method_config(config, "davpc"))
     factory = PilotFactory("davpc", task)
     recorder = _Recorder(make_controller(task.config), task)
     each = -(-count // len(PAPER_STARTS))
-    duration_s = each * FRAMES_PER_COMMAND / FRAME_RATE_HZ
     kept: list[Problem] = []
     for i, start in enumerate(PAPER_STARTS):
         recorder.problems.clear()
-        fly(task, factory.make_with(recorder), paper_start(start), [seed, i], DISTURBANCES["none"], duration_s)
-        kept.extend(recorder.problems)
-    return kept[:count]
+        flown = fly(task, factory.make_with(recorder), paper_start(start), [seed, i], DISTURBANCES["none"])
+        settled_s = flown.metrics["settle_s"]
+        last = -1 if math.isnan(settled_s) else round(settled_s * FRAME_RATE_HZ / FRAMES_PER_COMMAND)
+        kept.extend(segments(recorder.problems[: last + 1 or None], min(each, count - i * each)))
+    return kept
+
+
+def segments(run: list[Problem], count: int) -> list[Problem]:
+    """``count`` problems of one run to be timed, spread over it, with their lead-ins."""
+    kept: list[Problem] = []
+    parts = max(1, min(SEGMENTS, count))
+    sizes = [len(part) for part in np.array_split(np.arange(min(count, len(run))), parts)]
+    for k, size in enumerate(sizes):
+        begin = round((len(run) - size) * k / (parts - 1)) if parts > 1 else 0
+        if begin > 0:
+            kept.append(replace(run[begin - 1], first=True, timed=False))
+        kept.extend(run[begin : begin + size])
+    return kept
 
 
 def time_solver(config: Config, solver: str, problems: list[Problem]) -> Timing:
@@ -128,6 +156,8 @@ def time_solver(config: Config, solver: str, problems: list[Problem]) -> Timing:
             controller.reset()
         begin = time.perf_counter()
         plan = problem.solve(controller)
+        if not problem.timed:
+            continue
         durations.append(1e3 * (time.perf_counter() - begin))
         failures += not plan.usable
         silent += plan.usable and not _kept(config, problem, plan, check_first=solver != "plain_ipopt")
@@ -135,13 +165,14 @@ def time_solver(config: Config, solver: str, problems: list[Problem]) -> Timing:
     return Timing(float(np.median(taken)), float(np.percentile(taken, 99)), float(taken.max()), failures, silent)
 
 
-def worst_difference(config: Config, solver: str, problems: list[Problem], every: int) -> tuple[float, float]:
-    """Worst |Δv|, |Δω| of the first input to the converged solution of the same formulation.
+def worst_difference(config: Config, solver: str, problems: list[Problem], every: int) -> tuple[float, float, int]:
+    """Worst |Δv|, |Δω| of the first input to the converged solution of the same formulation; how many miss it.
 
     The solver runs through all problems, warm-started; every so many are solved anew to convergence.
     """
-    quick, converged = _make(config, solver), _make(config, "gauss_newton" if solver == "gauss_newton" else "ipopt")
-    worst = np.zeros(2)
+    quick = _make(config, solver)
+    converged = realtime.make(config, CONVERGED_STEPS) if solver == "gauss_newton" else _make(config, "ipopt")
+    worst, beyond = np.zeros(2), 0
     for i, problem in enumerate(problems):
         if problem.first:
             quick.reset()
@@ -151,8 +182,10 @@ def worst_difference(config: Config, solver: str, problems: list[Problem], every
         converged.reset()
         reference = problem.solve(converged)
         if plan.usable and reference.usable:
-            worst = np.maximum(worst, np.abs(np.subtract(plan.first, reference.first)))
-    return float(worst[0]), float(worst[1])
+            difference = np.abs(np.subtract(plan.first, reference.first))
+            worst = np.maximum(worst, difference)
+            beyond += bool(np.any(difference > (EPSILON_V_M_S, EPSILON_W_RAD_S)))
+    return float(worst[0]), float(worst[1]), beyond
 
 
 def run(out: Path, seed: int, jobs: int, config: Config, problems: int = 600) -> dict[str, Any]:  # noqa: ARG001
@@ -163,11 +196,19 @@ def run(out: Path, seed: int, jobs: int, config: Config, problems: int = 600) ->
     for solver in SOLVERS:
         timing = time_solver(setting, solver, recorded)
         plain = plain or timing.median_ms
-        dv, dw = worst_difference(setting, solver, recorded, every=10)
+        dv, dw, beyond = worst_difference(setting, solver, recorded, every=10)
         metrics = {**asdict(timing), "times_plain": plain / timing.median_ms, "worst_dv": dv, "worst_dw": dw}
+        if solver != "plain_ipopt":  # which leaves u_0 free: another problem
+            metrics["silent_failures"] += beyond
         rows.append(row(solver, "closed_loop", len(recorded), metrics))
     return write_results(
-        out, "bench_control", seed, {"problems": problems}, rows + _scaling(config, seed), [], config
+        out,
+        "bench_control",
+        seed,
+        {"problems": problems, "epsilon": [EPSILON_V_M_S, EPSILON_W_RAD_S]},
+        rows + _scaling(config, seed),
+        [],
+        config,
     )
 
 

@@ -48,8 +48,10 @@ class RealtimeController:
         pinhole: Pinhole,
         controller: ControllerConfig,
         limits: LimitsConfig,
+        cold_steps: int = COLD_STEPS,
     ) -> None:
         config = controller.realtime
+        self._cold_steps = cold_steps
         self._points_l, self._camera = points_l, camera_xyz_m
         dv, dw = config.rate_limit
         self._limits = limits.model_copy(
@@ -142,7 +144,7 @@ class RealtimeController:
             braking = [
                 np.sign(u) * np.maximum(0.0, abs(u) - d * steps) for u, d in zip(last_applied, rates, strict=True)
             ]
-            return np.concatenate(braking), COLD_STEPS
+            return np.concatenate(braking), self._cold_steps
         return (self._knots.shift @ self._warm.reshape(2, -1).T).T.reshape(-1), 1
 
     def _roll_out(self, pose: Pose2, knots: Array, free: Array, disturbance: MotionDisturbance) -> Rollout:
@@ -275,8 +277,8 @@ def _features_along(points_l: Array, poses: Array, camera_xyz_m: Array) -> Array
     return seen
 
 
-def make(config: Config) -> RealtimeController:
-    """The controller of a configuration."""
+def make(config: Config, cold_steps: int = COLD_STEPS) -> RealtimeController:
+    """The controller of a configuration; ``cold_steps`` are taken at most without a warm start."""
     return RealtimeController(
-        config.leds.points, config.camera.mount, config.camera.pinhole, config.controller, config.limits
+        config.leds.points, config.camera.mount, config.camera.pinhole, config.controller, config.limits, cold_steps
     )

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from experiments.results import markdown, row, write_results
 from experiments.scenes import DISTURBANCES, DISTURBED_START, method_config, paper_start, random_pads
 from experiments.sweep_settings import with_horizon, with_points
 from experiments.trial import METRICS, fly, goal_task, summarise
+from follower.controller.interface import Plan
 
 CONFIG = load_config(default_config_path())
 
@@ -71,10 +74,32 @@ def test_default_method_is_near_the_information_limit() -> None:
 def test_bench_counts_what_a_solver_leaves_unsolved_and_what_it_gets_wrong() -> None:
     setting = method_config(CONFIG, "paper")
     problems = bench_control.record_problems(setting, 8, 1)
-    assert len(problems) == 8
+    assert sum(problem.timed for problem in problems) == 8
+    assert problems[-1].pose.x_m < 1.55  # to the arrival, not only the first metres
     timing = bench_control.time_solver(setting, "gauss_newton", problems)
     assert timing.failures == timing.silent_failures == 0
     assert 0 < timing.median_ms <= timing.p99_ms <= timing.max_ms
+    *_, beyond = bench_control.worst_difference(setting, "gauss_newton", problems, every=1)
+    assert beyond == 0
+
+
+def test_bench_counts_a_first_input_far_from_the_converged_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    setting = method_config(CONFIG, "paper")
+    problems = bench_control.record_problems(setting, 4, 1)
+    true = bench_control._make
+
+    class Slower:
+        def __init__(self) -> None:
+            self._inner = true(setting, "gauss_newton")
+            self.reset = self._inner.reset
+
+        def solve(self, *arguments: Any) -> Plan:
+            plan = self._inner.solve(*arguments)
+            return replace(plan, v_m_s=plan.v_m_s - 0.02)
+
+    monkeypatch.setattr(bench_control, "_make", lambda *_: Slower())
+    *_, beyond = bench_control.worst_difference(setting, "gauss_newton", problems, every=1)
+    assert beyond == len(problems)
 
 
 def test_settings_change_what_they_say() -> None:
