@@ -10,6 +10,9 @@ from common.geometry import Pose2, features_at, move_relative
 from experiments.baselines.graceful import FilteredPose, graceful
 from experiments.baselines.ibvs import ibvs
 from experiments.baselines.ke import KeController, goal_in_follower
+from experiments.pilots import PilotFactory
+from experiments.scenes import DISTURBANCES, PAPER_STARTS, method_config, paper_start
+from experiments.trial import fly, goal_task
 
 CONFIG = load_config(default_config_path())
 POINTS, CAMERA = CONFIG.leds.points, CONFIG.camera.mount
@@ -58,6 +61,16 @@ def test_ke_and_graceful_reach_the_goal_without_noise(start: Pose2) -> None:
             v, w = ke.solve(state) if method == "ke" else graceful(goal, 0.6)
             goal = move_relative(goal, v, w, DT)
         assert np.hypot(goal.x_m, goal.y_m) < 0.03, method
+        assert abs(goal.theta_rad) < np.radians(1.0), method
+
+
+def test_pose_based_docking_arrives_with_its_heading_under_noise() -> None:
+    task = goal_task(method_config(CONFIG, "pose_based"))
+    pilot = PilotFactory("pose_based", task).make()
+    metrics = fly(task, pilot, paper_start(PAPER_STARTS[3]), [1, 0], DISTURBANCES["none"]).metrics
+    assert metrics["e_theta_deg"] < 2.5
+    assert metrics["e_y_cm"] < 1.0
+    assert metrics["over_bound"] == metrics["lost"] == 0.0
 
 
 def test_filtered_pose_stays_put_in_odometry_and_moves_to_detections() -> None:
@@ -66,6 +79,6 @@ def test_filtered_pose_stays_put_in_odometry_and_moves_to_detections() -> None:
     filtered.predict(driven)
     expected = move_relative(Pose2(3.0, 0.2, 0.1), 0.3, 0.2, 0.5)
     np.testing.assert_allclose(filtered.pose.as_array(), expected.as_array(), atol=1e-12)
-    for _ in range(400):
+    for _ in range(4000):
         filtered.correct(Pose2(2.0, 0.0, 0.0))
     np.testing.assert_allclose(filtered.pose.as_array(), [2.0, 0.0, 0.0], atol=1e-4)
