@@ -13,7 +13,7 @@ import pytest
 
 from common.config import Config
 from common.processes import PROCESSES
-from tests.system.conftest import CanTap, until
+from tests.system.conftest import CanTap, repeated_after_host_stall, until
 
 FOLLOWER = [process.name for process in PROCESSES if process.robot == "follower"]
 START = ("--start", "3,0.15,3")
@@ -35,6 +35,7 @@ def nothing_is_left(runtime: Path, children: dict[str, int]) -> bool:
 
 
 @pytest.mark.alone
+@repeated_after_host_stall
 def test_a_docking_with_every_process(sim_run: Any) -> None:
     run = sim_run(*START, "--seed", "3")
     run.wait_for("approach")
@@ -63,6 +64,7 @@ def test_stepped_dockings_are_bit_identical(sim_run: Any) -> None:
 
 @pytest.mark.alone
 @pytest.mark.parametrize("victim", FOLLOWER)
+@repeated_after_host_stall
 def test_a_killed_follower_process_stops_the_wheels_and_is_named(sim_run: Any, config: Config, victim: str) -> None:
     run = sim_run("--start", "5,0.3,0")
     run.wait_for("approach")
@@ -94,6 +96,7 @@ def test_a_killed_follower_process_stops_the_wheels_and_is_named(sim_run: Any, c
 
 @pytest.mark.alone
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@repeated_after_host_stall
 def test_an_interrupted_run_leaves_nothing(sim_run: Any, number: signal.Signals) -> None:
     run = sim_run("--start", "5,0.3,0")
     run.wait_for("approach")
@@ -105,6 +108,7 @@ def test_an_interrupted_run_leaves_nothing(sim_run: Any, number: signal.Signals)
 
 
 @pytest.mark.alone
+@repeated_after_host_stall
 def test_a_killed_launcher_takes_its_processes_with_it(sim_run: Any) -> None:
     run = sim_run("--start", "5,0.3,0")
     run.wait_for("approach")

@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.system.conftest import repeated_after_host_stall
+
 
 def davpc(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
@@ -19,6 +21,7 @@ def davpc(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.alone
+@repeated_after_host_stall
 def test_camera_and_teaching_on_a_running_robot(sim_run: Any, tmp_path: Path) -> None:
     run = sim_run("--start", "5,0.3,0")
     run.wait_for("approach")
