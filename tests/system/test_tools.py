@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
+import socket
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from tests.system.conftest import repeated_after_host_stall
+from tests.system.conftest import until
 
 
 def davpc(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -21,24 +23,34 @@ def davpc(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.alone
-@repeated_after_host_stall
-def test_camera_and_teaching_on_a_running_robot(sim_run: Any, tmp_path: Path) -> None:
-    run = sim_run("--start", "5,0.3,0")
-    run.wait_for("approach")
-    runtime = str(run.runtime())
-    picture = tmp_path / "now.png"
-    taken = davpc("camera", "snapshot", "--runtime", runtime, "--out", str(picture))
-    assert taken.returncode == 0, taken.stderr
-    image = cv2.imread(str(picture), cv2.IMREAD_GRAYSCALE)
-    assert image is not None
-    assert image.shape == (1024, 1280)
-    assert image.max() > 100
-    focus = davpc("camera", "focus", "--runtime", runtime, "--frames", "5")
-    assert focus.returncode == 0, focus.stderr + "".join(run.lines)
-    assert "4 spots" in focus.stdout
-    moving = davpc("teach", "1", "--runtime", runtime, "--frames", "30", "--out", str(tmp_path / "taught.json"))
-    assert moving.returncode == 2
-    assert "robots at rest?" in moving.stderr
+def test_camera_tools_on_a_running_robot(tmp_path: Path) -> None:
+    """World, camera and estimator are enough; nothing is armed, the robot stands."""
+    runtime = Path(tempfile.mkdtemp(prefix="davpc-test-"))
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    settings = [f"{robot}_can.bus.port={port}" for robot in ("follower", "leader")]
+    words = [word for setting in settings for word in ("--set", setting)]
+    processes = [
+        subprocess.Popen([sys.executable, "-m", "station.cli", "run", name, "--runtime", str(runtime), *words])
+        for name in ("world", "leader", "follower-camera", "follower-estimator")
+    ]
+    try:
+        until(lambda: (runtime / "frames.ring").exists(), 60)
+        picture = tmp_path / "now.png"
+        taken = davpc("camera", "snapshot", "--runtime", str(runtime), "--out", str(picture))
+        assert taken.returncode == 0, taken.stderr
+        image = cv2.imread(str(picture), cv2.IMREAD_GRAYSCALE)
+        assert image is not None
+        assert image.shape == (1024, 1280)
+        focus = davpc("camera", "focus", "--runtime", str(runtime), "--frames", "5")
+        assert focus.returncode == 0, focus.stderr
+        assert "4 spots" in focus.stdout
+    finally:
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.wait(timeout=30)
+        shutil.rmtree(runtime)
 
 
 def test_without_a_robot_they_say_so() -> None:
