@@ -119,8 +119,8 @@ class CanTap:
         self._bus.shutdown()
 
 
-# what the logs say when the host stood still for so long that the drives' watchdogs or the gate stopped the robot
-_STALL_WORDS = ("stood still", "status_age", "is dropped", "drives_silent")
+# what the bridge logs when the host stood still for so long that the drives' watchdogs stopped the robot
+_STALL_WORDS = ("stood still",)
 _TRIES = 3
 
 

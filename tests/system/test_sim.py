@@ -64,7 +64,6 @@ def test_stepped_dockings_are_bit_identical(sim_run: Any) -> None:
 
 @pytest.mark.alone
 @pytest.mark.parametrize("victim", FOLLOWER)
-@repeated_after_host_stall
 def test_a_killed_follower_process_stops_the_wheels_and_is_named(sim_run: Any, config: Config, victim: str) -> None:
     run = sim_run("--start", "5,0.3,0")
     run.wait_for("approach")
@@ -96,7 +95,6 @@ def test_a_killed_follower_process_stops_the_wheels_and_is_named(sim_run: Any, c
 
 @pytest.mark.alone
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@repeated_after_host_stall
 def test_an_interrupted_run_leaves_nothing(sim_run: Any, number: signal.Signals) -> None:
     run = sim_run("--start", "5,0.3,0")
     run.wait_for("approach")
@@ -108,7 +106,6 @@ def test_an_interrupted_run_leaves_nothing(sim_run: Any, number: signal.Signals)
 
 
 @pytest.mark.alone
-@repeated_after_host_stall
 def test_a_killed_launcher_takes_its_processes_with_it(sim_run: Any) -> None:
     run = sim_run("--start", "5,0.3,0")
     run.wait_for("approach")
