@@ -62,6 +62,12 @@ def test_stepped_dockings_are_bit_identical(sim_run: Any) -> None:
     assert (first.out / "camera_frame.png").read_bytes() == (second.out / "camera_frame.png").read_bytes()
 
 
+def test_the_papers_estimator_docks_too(sim_run: Any) -> None:
+    run = sim_run("--stepped", "--start", "2.4,0.08,2", "--set", "estimator.method='paper'")
+    assert run.finish() == 0, "".join(run.lines)
+    assert is_docked(run.results()), run.results()
+
+
 @pytest.mark.alone
 @pytest.mark.parametrize("victim", FOLLOWER)
 def test_a_killed_follower_process_stops_the_wheels_and_is_named(sim_run: Any, config: Config, victim: str) -> None:
