@@ -262,18 +262,19 @@ class Perception:
         return Followed(features, fitted, np.where(used, spots.mass[chosen], np.nan), len(spots))
 
     def _residual_px(self, fitted: PlanarFit) -> float:
-        return float(np.sqrt(np.nanmean(fitted.residual**2))) * self._focal_px
+        return fitted.residual_rms * self._focal_px
 
     def _report(self, nothing: Detection, found: Followed, confirmed: bool) -> Detection:
         fitted = found.fitted
-        return replace(
-            nothing,
+        return Detection(
+            frame_sequence=nothing.frame_sequence,
+            capture_ns=nothing.capture_ns,
             valid=confirmed,
             cause="ok" if confirmed else "confirming",
             features=found.features,
             features_level=levelled(found.features, fitted.pitch_rad, fitted.roll_rad),
             spots=found.spots,
-            leds_seen=int(np.isfinite(found.features[:, 0]).sum()),
+            leds_seen=int(np.count_nonzero(np.isfinite(found.features[:, 0]))),
             pose=fitted.pose,
             pitch_rad=fitted.pitch_rad,
             roll_rad=fitted.roll_rad,
