@@ -56,7 +56,7 @@ def theta_from_homography(
     if found is None:
         return None
     rays = desired.tolist()
-    matrix = _in_front(found, rays)
+    matrix = _in_front(found.tolist(), rays)
     determinant = _determinant(matrix)
     if not math.isfinite(determinant):
         return None
@@ -68,9 +68,8 @@ def theta_from_homography(
     return _choose(matrix, rays, normal, predicted_theta_rad)
 
 
-def _in_front(found: Array, rays: list[list[float]]) -> Rows:
+def _in_front(matrix: Rows, rays: list[list[float]]) -> Rows:
     """H with the sign under which it maps points before one camera to points before the other."""
-    matrix: Rows = found.tolist()
     x, y, z = matrix[2]
     if sum(alpha * x + beta * y + z for alpha, beta in rays) > 0.0:
         return matrix

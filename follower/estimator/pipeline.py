@@ -121,7 +121,7 @@ class Perception:
                 detection = self._identified(image, rule, nothing)
         except NoisyImageError:
             self._track = track
-            return replace(nothing, cause="noisy")
+            return replace(nothing, cause=seen.exposure or "noisy")
         if detection.pose is None:
             detection = replace(detection, cause=self._exposure(image, rule, seen, detection))
         if self._health.frozen(detection.features, moving=abs(twist[0]) > _MOVING or abs(twist[1]) > _MOVING):

@@ -82,13 +82,14 @@ def fit_one(model: FitModel, features: Array, start: Array, iterations: int = 6)
     state = start.tolist()
     weight, prior = 1.0 / model.sigma**2, 1.0 / model.tilt_sigma_rad**2
     mount = tuple(model.camera_xyz_m.tolist())
-    for iteration in range(iterations + 1):
+    while True:
         jacobian, error, nearest = _linearised(seen, state, mount)
         covariance = _covariance(jacobian, weight, prior)
         if covariance is None:
             return None
-        if iteration == iterations:
+        if iterations == 0:
             break
+        iterations -= 1
         gradient = error @ jacobian * weight
         gradient[3] -= prior * state[3]
         gradient[4] -= prior * state[4]
