@@ -27,7 +27,7 @@ Torque = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Text = Annotated[str, Field(max_length=400)]
 Point2 = tuple[float, float]
 
-Phase = Literal["idle", "acquire", "approach", "push", "lock", "release", "retract", "done", "aborted"]
+Phase = Literal["idle", "acquire", "approach", "push", "lock", "release", "retract", "done", "aborted", "manual"]
 PHASES: tuple[Phase, ...] = (
     "idle",
     "acquire",
@@ -38,6 +38,7 @@ PHASES: tuple[Phase, ...] = (
     "retract",
     "done",
     "aborted",
+    "manual",
 )
 Method = Literal["paper", "davpc"]
 StateCause = Literal[
