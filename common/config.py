@@ -256,6 +256,10 @@ class SupervisorConfig(Section):
     push_limit_m: Positive
     retract_speed_m_s: Annotated[float, Field(gt=0, le=0.1)]
     retract_distance_m: Positive
+    manual_speed_m_s: Annotated[float, Field(gt=0, le=0.1, description="most that a person may ask for by hand")] = (
+        0.10
+    )
+    manual_turn_rad_s: Annotated[float, Field(gt=0, le=0.3)] = 0.30
     acquire_timeout_s: Positive
     approach_timeout_s: Positive
     lost_timeout_s: Positive

@@ -148,10 +148,11 @@ class Mission:
 
     ``motion`` tells the controller: ``servo`` to the desired features, ``straight`` at ``straight_speed_m_s``,
     or ``hold``. The caps may only lower the configured limits. ``resets`` counts a person's requests to acknowledge
-    faults; the bridge acts on a change while it is disarmed.
+    faults; the bridge acts on a change while it is disarmed. In phase ``manual`` a person's station commands the
+    wheels: the arms stay where they are, the fingers do as ``grip`` says and the lift goes to ``lift_m``, if any.
     """
 
-    SCHEMA: ClassVar[str] = "mission/1"
+    SCHEMA: ClassVar[str] = "mission/2"
     phase: Phase
     cause: Text
     trolley: Annotated[int, Field(ge=1, le=99)]
@@ -164,9 +165,10 @@ class Mission:
     w_max_rad_s: Annotated[float, Field(ge=0, le=2)]
     goal_theta_rad: Angle
     desired_features: Annotated[tuple[Point2, ...], Field(max_length=12)]
-    grip: Literal["open", "closed"]
+    grip: Literal["open", "closed", "stay"]
     push: bool
     resets: Count
+    lift_m: Annotated[float, Field(ge=0, le=2)] | None = None
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -306,6 +308,21 @@ class DockRequest:
     expires_ns: Ns
     action: Literal["start", "abort", "reset"]
     trolley: Annotated[int, Field(ge=1, le=99)] = 1
+
+
+@dataclass(frozen=True, config=STRICT)
+class ManualRequest:
+    """A person wants to move the robot by hand: ``start`` arms the phase ``manual``, ``stop`` ends it.
+
+    It lasts only while commands of its epoch keep coming from whoever asked. ``lift_m`` None leaves the lift.
+    """
+
+    SCHEMA: ClassVar[str] = "manual_request/1"
+    id: Text
+    expires_ns: Ns
+    action: Literal["start", "stop"]
+    grip: Literal["open", "closed", "stay"] = "stay"
+    lift_m: Annotated[float, Field(ge=0, le=1)] | None = None
 
 
 @dataclass(frozen=True, config=STRICT)

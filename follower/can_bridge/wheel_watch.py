@@ -6,6 +6,7 @@ a docking's last metre is driven at; time tells what a single frame cannot.
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from common.timing import NS_PER_MS
@@ -19,8 +20,7 @@ class RimWatch:
     """One rim. Pure: time is an argument."""
 
     def __init__(self) -> None:
-        self._since_ns: int | None = None
-        self._ahead = True
+        self._began: tuple[int, float] | None = None
 
     def step(self, now_ns: int, told_m_s: float, measured_m_s: float) -> bool:
         """Whether it has rolled at less than a quarter of what it was told, one way, for longer than 300 ms.
@@ -30,11 +30,9 @@ class RimWatch:
             told_m_s: set-point of this frame.
             measured_m_s: newest measurement.
         """
-        ahead = told_m_s > 0.0
-        along = measured_m_s if ahead else -measured_m_s
-        follows = abs(told_m_s) < LEAST_RIM_M_S or along >= LEAST_SHARE * abs(told_m_s)
-        if follows:
-            self._since_ns = None
-        elif self._since_ns is None or ahead != self._ahead:
-            self._since_ns, self._ahead = now_ns, ahead
-        return self._since_ns is not None and now_ns - self._since_ns > STUCK_MS * NS_PER_MS
+        way = math.copysign(1.0, told_m_s)
+        if abs(told_m_s) < LEAST_RIM_M_S or way * measured_m_s >= LEAST_SHARE * abs(told_m_s):
+            self._began = None
+        elif self._began is None or self._began[1] != way:
+            self._began = now_ns, way
+        return self._began is not None and now_ns - self._began[0] > STUCK_MS * NS_PER_MS

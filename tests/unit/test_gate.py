@@ -403,12 +403,9 @@ def test_a_wheel_that_hardly_rolls_at_docking_speed_stops_it_after_300_ms(side: 
 
 def test_time_during_which_a_wheel_is_told_nothing_does_not_count() -> None:
     bench = Bench()
-    standing = {"status": wheels(0.0, T0)}
-    for _ in range(4):
-        for v in (0.1, 0.0, -0.1, 0.0):
-            for _ in range(28):
-                standing["status"] = wheels(0.0, bench.now_ns)
-                assert bench.order(v, **standing).rule == ""
+    for v in (0.1, 0.0, -0.1, 0.0) * 4:
+        for _ in range(28):
+            assert bench.order(v, status=wheels(0.0, bench.now_ns)).rule == ""
 
 
 def test_wheels_that_run_ahead_of_a_slower_setpoint_do_not_stop_it() -> None:
