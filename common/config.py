@@ -349,6 +349,7 @@ class FollowerCanConfig(Section):
     grippers: Annotated[tuple[DriveConfig, ...], Field(min_length=2, max_length=2)]
     lift: DriveConfig
     io_node_id: Annotated[int, Field(ge=1, le=127)]
+    shadow: Annotated[bool, Field(description="never enable a drive; tell what would have been commanded")] = False
     watchdog_ms: Annotated[int, Field(ge=20, le=80)]
     wheel_ramp_m_s2: Annotated[float, Field(gt=0, le=1.0, description="the drives' own: 6083h to 6085h")]
     lift_lead_m: Annotated[Positive, Field(description="lift per turn of the lead screw")]

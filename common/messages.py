@@ -246,10 +246,11 @@ class Drives:
     """What the bus says, and what the gate let through to it.
 
     ``v_set``/``w_set`` are what was last sent; ``command_sequence`` is the last command that was accepted and
-    ``image_to_can_ns`` the time from its image's capture to its first frame on the bus.
+    ``image_to_can_ns`` the time from its image's capture to its first frame on the bus. In ``shadow`` the drives are
+    never enabled: ``state`` and what is set are as if they were, what is measured is measured.
     """
 
-    SCHEMA: ClassVar[str] = "drives/1"
+    SCHEMA: ClassVar[str] = "drives/2"
     state: Literal["starting", "disarmed", "enabling", "armed", "stopped", "fault"]
     cause: Text
     epoch: Count
@@ -269,6 +270,7 @@ class Drives:
     image_to_can_ns: Count
     gate_rule: Text
     gate_interventions: Count
+    shadow: bool = False
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -102,6 +102,9 @@ def run(
     runtime: Annotated[Path, typer.Option(help="private folder of the robot's sockets and frames")] = Path(
         "/run/davpc"
     ),
+    shadow: Annotated[
+        bool, typer.Option("--shadow", help="the CAN bridge never enables a drive and tells what it would command")
+    ] = False,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -114,7 +117,8 @@ def run(
         raise ConfigError(str(error.args[0])) from error
     if not runtime.is_dir():
         raise ConfigError(f"{runtime}: no such folder; make it with mode 0700, or let systemd do so")
-    raise typer.Exit(run_process(name, config or default_config_path(), runtime, overrides or []))
+    chosen = [*(overrides or []), *(["follower_can.shadow=true"] if shadow else [])]
+    raise typer.Exit(run_process(name, config or default_config_path(), runtime, chosen))
 
 
 @app.command(epilog="Example:  davpc processes")

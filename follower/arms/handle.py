@@ -103,8 +103,8 @@ class HandleHold:
         self._measured_ns = max(self._measured_ns, drives.measured_ns)
 
     def _watch(self, drives: Drives) -> None:
-        """Slip and collision are judged while the drives obey and a trolley is held."""
-        if drives.state != "armed" or not self._holding:
+        """Slip and collision are judged while the drives really obey and a trolley is held."""
+        if drives.state != "armed" or drives.shadow or not self._holding:
             self._slip.forget()
             self._collision.forget()
             return

@@ -99,8 +99,9 @@ class DriveBus:
             bus.close()
 
     def enable(self, groups: Sequence[Group] = ("wheels", "arms")) -> None:
-        """Request operation; refused for as long as there are faults."""
-        self._request(Target.ENABLED, groups)
+        """Request operation; refused for as long as there are faults, and never granted in shadow."""
+        if not self._config.shadow:
+            self._request(Target.ENABLED, groups)
 
     def disable(self, groups: Sequence[Group] = ("wheels",)) -> None:
         """Request power off. The arms keep holding unless they are named. Acknowledges a stall of the bridge."""

@@ -194,10 +194,10 @@ class Operator(Node):
         return ((COMMAND, seal_command(told)),)
 
 
-def by_hand(runtime: Path, operator: Operator, seconds: float) -> Operator:
+def by_hand(runtime: Path, operator: Operator, seconds: float, *overrides: str) -> Operator:
     """World, bridge, arms and supervisor in stepped time: neither camera nor controller is needed."""
     names = ("world", "follower-can-bridge", "follower-arms", "follower-supervisor")
-    clock, config = SteppedClock(), stepped_config()
+    clock, config = SteppedClock(), stepped_config(*overrides)
     nodes = [
         process(name).factory()(NodeContext(config, CONFIG_PATH, runtime, number, clock))
         for number, name in enumerate(names, start=1)
@@ -227,6 +227,18 @@ def test_lift_and_fingers_move_and_nothing_else(tmp_path: Path) -> None:
     assert min(last.grip_angle_rad) > 1.0
     assert last.v_set_m_s == 0.0
     assert last.joint_angle_rad == pytest.approx(operator.drives[0].joint_angle_rad, abs=0.15)
+
+
+def test_in_shadow_everything_is_told_and_nothing_moves(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    operator = by_hand(tmp_path, Operator((0.08, 0.0), 9 * NS_PER_S, lift_m=0.1), 4.0, "follower_can.shadow=true")
+    armed = [drives for drives in operator.drives if drives.state == "armed"]
+    assert armed[-1].v_set_m_s == pytest.approx(0.08)
+    assert all(drives.shadow for drives in operator.drives)
+    assert {drives.wheel_speed_rad_s for drives in operator.drives} == {(0.0, 0.0)}
+    assert {drives.lift_m for drives in operator.drives} == {operator.drives[0].lift_m}
+    assert operator.missions[-1].phase == "manual"
+    assert "shadow: would command v +0.080 m/s" in caplog.text
 
 
 def test_held_arrow_keys_move_and_let_go_they_stop() -> None:
