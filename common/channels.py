@@ -16,6 +16,7 @@ from common.messages import (
     Health,
     LeaderState,
     LockRequest,
+    ManualRequest,
     Message,
     Mission,
 )
@@ -28,7 +29,8 @@ M = TypeVar("M", bound=Message)
 class Channel(Generic[M]):
     """One key.
 
-    ``publisher`` is the one process that may publish (for a request: that answers it); ``reach`` says whether
+    ``publisher`` is the one process that may publish (for a request: that answers it; in the phase ``manual`` a
+    person's station publishes commands instead of the controller); ``reach`` says whether
     the key leaves the robot. ``rate_hz`` is 0 for what has no fixed rate.
     """
 
@@ -55,6 +57,7 @@ ARM_STATE = Channel("follower/state/arms", ArmState, "follower-arms", 100, 100)
 DRIVES = Channel("follower/state/drives", Drives, "follower-can-bridge", 100, 50)
 LEADER_STATE = Channel("leader/state", LeaderState, "leader", 10, 500, reach="pair")
 DOCK_REQUEST = Channel("follower/request/dock", DockRequest, "follower-supervisor", 0, 0, kind="request")
+MANUAL_REQUEST = Channel("follower/request/manual", ManualRequest, "follower-supervisor", 0, 0, kind="request")
 LOCK_REQUEST = Channel("leader/request/lock", LockRequest, "leader", 0, 0, reach="pair", kind="request")
 
 CHANNELS: tuple[Channel[Any], ...] = (
@@ -67,6 +70,7 @@ CHANNELS: tuple[Channel[Any], ...] = (
     DRIVES,
     LEADER_STATE,
     DOCK_REQUEST,
+    MANUAL_REQUEST,
     LOCK_REQUEST,
 )
 
