@@ -72,7 +72,7 @@ def test_a_robots_target_pulls_in_exactly_its_processes_and_takes_them_down(robo
 
 
 def test_the_simulated_backend_comes_with_the_follower_in_its_variant_only() -> None:
-    assert read(VARIANTS["simulated"] / "davpc-follower.target.d/50-simulated.conf")["Unit.Wants"] == [
+    assert read(VARIANTS["simulated"] / "davpc-follower.target.d/60-simulated.conf")["Unit.Wants"] == [
         "davpc-world.service"
     ]
     assert merged("davpc-world.service")["Unit.PartOf"] == ["davpc-follower.target"]
@@ -108,7 +108,7 @@ def test_the_real_buses_are_waited_for_and_speak_no_internet_protocol() -> None:
         settings = merged(unit)
         assert "AF_CAN" in words(settings, "Service.RestrictAddressFamilies")
         assert "AF_INET" not in words(settings, "Service.RestrictAddressFamilies")
-        waits = read(VARIANTS["hardware"] / f"{unit}.d/50-can0.conf")
+        waits = read(VARIANTS["hardware"] / f"{unit}.d/60-can0.conf")
         assert waits["Unit.Requires"] == waits["Unit.After"] == ["sys-subsystem-net-devices-can0.device"]
 
 

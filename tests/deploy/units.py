@@ -31,9 +31,11 @@ def read(path: Path) -> Settings:
 
 
 def merged(unit: str) -> Settings:
-    """A service's own file, before it what holds for all processes."""
+    """A service's own file and then its drop-ins, those of its prefix among them, in the order of their names."""
     found: Settings = defaultdict(list)
-    for path in (*sorted((SYSTEMD / "davpc-.service.d").iterdir()), SYSTEMD / unit):
+    folders = (SYSTEMD / "davpc-.service.d", SYSTEMD / f"{unit}.d")
+    drop_ins = [path for folder in folders if folder.is_dir() for path in folder.iterdir()]
+    for path in (SYSTEMD / unit, *sorted(drop_ins, key=lambda path: path.name)):
         for key, values in read(path).items():
             found[key] += values
     return found
