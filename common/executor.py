@@ -56,7 +56,12 @@ def run_process(name: str, config_path: Path, runtime: Path, overrides: Sequence
 
 
 def _be_real_time(priority: int, log: logging.Logger) -> None:
-    """SCHED_FIFO for this thread and those it will start; without the permission, say so and go on."""
+    """SCHED_FIFO for this thread and those it will start; without the permission, say so and go on.
+
+    The service manager gives it to a unit beforehand, and takes the right to ask for it.
+    """
+    if os.sched_getscheduler(0) == os.SCHED_FIFO and os.sched_getparam(0).sched_priority == priority:
+        return
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:
@@ -180,7 +185,6 @@ class ProcessExecutor:
         self._publish(outputs)
         self._steps += 1
         self._durations_ns.append(self._clock.now_ns() - now_ns)
-        notify_service_manager("WATCHDOG=1")
         return bool(outputs)
 
     def _publish(self, outputs: Sequence[tuple[Channel[Any], Message]]) -> None:
@@ -205,6 +209,8 @@ class ProcessExecutor:
             self._wake.set()
 
     def _report(self, missed: int) -> None:
+        """Tell the service manager and whoever listens that the loop turns, also while no input makes it step."""
+        notify_service_manager("WATCHDOG=1")
         while self._inbox.faults:
             self._log.warning("dropped a message: %s", self._inbox.faults.popleft())
         health = Health(self._node.name, True, self._steps, missed, self._inbox.malformed, self._step_ms()[1])
