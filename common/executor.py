@@ -90,7 +90,13 @@ class ProcessExecutor:
         self._requester = ThreadPoolExecutor(max_workers=2, thread_name_prefix="request")
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
-        self._bus = Bus(node.name, context.runtime, earlier_processes(node.name))
+        self._bus = Bus(
+            node.name,
+            context.runtime,
+            earlier_processes(node.name),
+            context.config.network.namespace,
+            node.bus_settings,
+        )
 
     def __enter__(self) -> ProcessExecutor:
         return self

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from common.config import Config
-from common.processes import PROCESSES
+from common.processes import ONE_MACHINE
 from tests.system.conftest import CanTap, repeated_after_host_stall, until
 
-FOLLOWER = [process.name for process in PROCESSES if process.robot == "follower"]
+FOLLOWER = [process.name for process in ONE_MACHINE if process.robot == "follower"]
 START = ("--start", "3,0.15,3")
 
 
@@ -40,7 +40,7 @@ def test_a_docking_with_every_process(sim_run: Any) -> None:
     run = sim_run(*START, "--seed", "3")
     run.wait_for("approach")
     children, runtime = run.children(), run.runtime()
-    assert set(children) == {process.name for process in PROCESSES}
+    assert set(children) == {process.name for process in ONE_MACHINE}
     assert runtime.stat().st_mode & 0o777 == 0o700
     assert run.finish() == 0, "".join(run.lines)
     results = run.results()
