@@ -1,4 +1,4 @@
-"""Machines that boot a real systemd: systemd-nspawn on an overlay of this machine's own root. Nothing is downloaded."""
+"""Machines that boot a real systemd: systemd-nspawn on an overlay of this machine's own root, nothing downloaded."""
 
 from __future__ import annotations
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -55,12 +56,17 @@ def pairs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         yield {name: pair.linked() for name, pair in made.items()}
 
 
+def echo(name: str, asked: bytes, answer: Callable[[bytes], None]) -> None:
+    """Answer a request with itself and one's name."""
+    answer(asked + name.encode())
+
+
 def test_each_pair_hears_itself_alone(pairs: dict[str, Gateways]) -> None:
     followers = {name: pair.play("follower-supervisor") for name, pair in pairs.items()}
     leaders = {name: pair.play("leader") for name, pair in pairs.items()}
     heard = {name: Heard(bus, LEADER_STATE) for name, bus in followers.items()}
     for name, leader in leaders.items():
-        leader.serve(LOCK_REQUEST, lambda asked, answer, name=name: answer(asked + name.encode()))
+        leader.serve(LOCK_REQUEST, partial(echo, name))
         leader.declare_alive("leader")
 
     def publish() -> None:
