@@ -11,6 +11,7 @@ from common.timing import NS_PER_MS
 
 FACTOR = 4.0
 _PATIENCE_NS = 100 * NS_PER_MS
+_LAPSE_NS = 50 * NS_PER_MS  # the dimmest of LEDs drown in noise now and then
 _TRIAL_NS = 500 * NS_PER_MS
 
 
@@ -21,16 +22,16 @@ class ExposureRetry:
         self._configured_us = self.exposure_us = exposure_us
         self._longest_us = max(0.8e6 / rate_hz, exposure_us)
         self._bad_since_ns: int | None = None
-        self._tried_ns = 0
+        self._last_bad_ns = self._tried_ns = 0
         self._spent = False
 
     def judge(self, now_ns: int, cause: StateCause) -> float:
         """The exposure [µs] from now on, after a state of this cause."""
-        bad = cause in ("overexposed", "underexposed")
-        if not bad:
+        if cause in ("overexposed", "underexposed"):
+            self._last_bad_ns = now_ns
+            self._bad_since_ns = now_ns if self._bad_since_ns is None else self._bad_since_ns
+        elif cause in ("ok", "confirming") or now_ns - self._last_bad_ns > _LAPSE_NS:
             self._bad_since_ns = None
-        elif self._bad_since_ns is None:
-            self._bad_since_ns = now_ns
         lasting = self._bad_since_ns is not None and now_ns - self._bad_since_ns >= _PATIENCE_NS
         if self.exposure_us != self._configured_us:
             if cause == "ok":
@@ -39,7 +40,7 @@ class ExposureRetry:
                 self.exposure_us, self._bad_since_ns = self._configured_us, None
         elif cause == "ok":
             self._spent = False
-        elif lasting and not self._spent:
+        elif lasting and now_ns == self._last_bad_ns and not self._spent:
             longer = self._configured_us * (FACTOR if cause == "underexposed" else 1.0 / FACTOR)
             self.exposure_us, self._tried_ns, self._spent = min(longer, self._longest_us), now_ns, True
             self._bad_since_ns = None
