@@ -1,7 +1,7 @@
 """One retry with another exposure where the estimator finds the images badly exposed; back again if it does not help.
 
 The wheels stand meanwhile: an image without the array is invalid, whatever the exposure. The other exposure stays for
-as long as the array is seen with it, and the next retry is not before the array was seen with the configured one.
+as long as the array is seen with it; after a retry that did not help, the next is not before the array was seen again.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class ExposureRetry:
         lasting = self._bad_since_ns is not None and now_ns - self._bad_since_ns >= _PATIENCE_NS
         if self.exposure_us != self._configured_us:
             if cause == "ok":
-                self._tried_ns = now_ns
+                self._tried_ns, self._spent = now_ns, False
             elif now_ns - self._tried_ns > _TRIAL_NS:
                 self.exposure_us, self._bad_since_ns = self._configured_us, None
         elif cause == "ok":

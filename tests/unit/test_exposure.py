@@ -46,6 +46,7 @@ def test_an_exposure_that_helps_stays_while_it_helps() -> None:
     assert set(told.by("confirming", 5) + told.by("ok", 300)) == {FACTOR * CONFIGURED_US}
     assert set(told.by("few_leds", 20)) == {FACTOR * CONFIGURED_US}, "somebody walks by"
     assert told.by("few_leds", 40)[-1] == CONFIGURED_US
+    assert told.by("underexposed", 10)[-1] == FACTOR * CONFIGURED_US, "it is known to help"
 
 
 def test_a_glimpse_of_bad_light_changes_nothing() -> None:
