@@ -1,7 +1,7 @@
 """One retry with another exposure where the estimator finds the images badly exposed; back again if it does not help.
 
 The wheels stand meanwhile: an image without the array is invalid, whatever the exposure. The other exposure stays for
-as long as the array is seen with it; after a retry that did not help, the next is not before the array was seen again.
+as long as the array is seen with it; after one that did not help, the next is not before the array was seen again.
 """
 
 from __future__ import annotations
