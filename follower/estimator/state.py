@@ -59,8 +59,15 @@ class StateEstimator:
         self._frame_sequence = frame.sequence
         self._seen += image is not None
         self._dropped += image is None
+        camera = self._config.camera
         detection = self._perception.process(
-            image, frame.sequence, frame.capture_ns, twist, desired_features, self._expected(frame.capture_ns, twist)
+            image,
+            frame.sequence,
+            frame.capture_ns,
+            twist,
+            desired_features,
+            self._expected(frame.capture_ns, twist),
+            frame.exposure_us * frame.gain / (camera.exposure_us * camera.gain),
         )
         self._filter(detection, twist)
         return self._state(detection, frame.capture_ns)
