@@ -45,8 +45,8 @@ class Bridge:
     """Pure: one :meth:`step` per cycle, before the exchange that carries its orders out.
 
     A rule of the gate that is not benign stops the motion and disarms until the supervisor begins a new epoch. So
-    does a stall of the bridge itself, which the drives' watchdogs noticed: cause ``bridge_stalled``. What they latched
-    is released at standstill only, by power off; a new epoch waits for that in ``enabling``.
+    does a stall of the bridge itself, which the drives' watchdogs noticed: cause ``bridge_stalled``. What these
+    latched is released at standstill only, by power off; a new epoch waits for that in ``enabling``.
     """
 
     def __init__(self, config: Config, boot_id: str) -> None:
