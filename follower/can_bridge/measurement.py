@@ -60,3 +60,8 @@ class Measurement:
     malformed: int
     unknown: int
     stalled: str = ""
+
+    @property
+    def troubles(self) -> tuple[str, ...]:
+        """Faults, and a stall of whoever uses the bus, for those who do not tell the two apart."""
+        return (*((self.stalled,) if self.stalled else ()), *self.faults)
