@@ -43,9 +43,9 @@ class Workshop:
             shutil.copy(ROOT / file, tree)
         change(tree)
 
-    def network(self, tag: str, addresses: Sequence[str]) -> Network:
-        """A namespace for each address; two are joined by a cable."""
-        self._networks.append(Network(f"{os.getpid()}-{tag}", addresses))
+    def network(self, tag: str, machines: int) -> Network:
+        """A namespace for each machine."""
+        self._networks.append(Network(f"{os.getpid()}-{tag}", machines))
         return self._networks[-1]
 
     def machine(self, name: str, layers: Sequence[Path], space: str) -> Machine:
@@ -95,7 +95,7 @@ def workshop() -> Iterator[Workshop]:
 def installed(workshop: Workshop) -> Installed:
     """Install on a fresh machine without a network; the others start from its disk."""
     workshop.tree("v1")
-    fresh = workshop.machine("fresh", [], workshop.network("fresh", [""]).spaces[0])
+    fresh = workshop.machine("fresh", [], workshop.network("fresh", 1).spaces[0])
     fresh.boot()
     said = fresh.must(*install("v1", "follower"), seconds=INSTALL_S)
     fresh.cut_power()

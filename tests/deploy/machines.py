@@ -54,24 +54,26 @@ def until(condition: Callable[[], object], seconds: float, what: str) -> float:
 
 
 class Network:
-    """A cable between two machines: a namespace for each, a veth pair between them. Leaves nothing behind."""
+    """A namespace for each machine, and cables between two of them. Leaves nothing behind."""
 
-    def __init__(self, tag: str, addresses: Sequence[str]) -> None:
-        self.spaces = [f"davpc-{tag}-{number}" for number in range(len(addresses))]
+    def __init__(self, tag: str, machines: int) -> None:
+        self.spaces = [f"davpc-{tag}-{number}" for number in range(machines)]
         for space in self.spaces:
             _ip("netns", "add", space)
             _ip("-n", space, "link", "set", "lo", "up")
-        if len(addresses) == 2:
-            a, b = self.spaces
-            _ip("link", "add", "host0", "netns", a, "type", "veth", "peer", "name", "host0", "netns", b)
-            for space, address in zip(self.spaces, addresses, strict=True):
-                _ip("-n", space, "address", "add", f"{address}/24", "dev", "host0")
-            self.plug(True)
 
-    def plug(self, on: bool) -> None:
-        """Connect or cut the cable."""
+    def cable(self, name: str, addresses: tuple[str, str]) -> None:
+        """Join the first two machines; the interface has this name on both."""
+        a, b = self.spaces[:2]
+        _ip("link", "add", name, "netns", a, "type", "veth", "peer", "name", name, "netns", b)
+        for space, address in zip((a, b), addresses, strict=True):
+            _ip("-n", space, "address", "add", f"{address}/24", "dev", name)
+        self.plug(name, True)
+
+    def plug(self, name: str, on: bool) -> None:
+        """Connect or cut a cable."""
         for space in self.spaces:
-            _ip("-n", space, "link", "set", "host0", "up" if on else "down")
+            _ip("-n", space, "link", "set", name, "up" if on else "down")
 
     def close(self) -> None:
         """Take the namespaces away, with what is in them."""

@@ -1,10 +1,13 @@
-"""Both robots as two machines on one cable, with the shipped units and simulated drives: what dies comes back."""
+"""Both robots as two machines, with the shipped units and simulated drives: what dies comes back."""
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -14,14 +17,18 @@ from common.processes import PROCESSES
 from tests.deploy.conftest import Installed, Workshop
 from tests.deploy.machines import Machine, Network, until
 from tests.deploy.probe import Probe
-from tests.deploy.units import merged, unit_of
+from tests.deploy.units import ROOT, merged, unit_of
 
 pytestmark = pytest.mark.alone
 
-FOLLOWER, LEADER = "10.77.0.1", "10.77.0.2"
+NETWORK, BUSES = ("10.77.0.1", "10.77.0.2"), ("10.78.0.1", "10.78.0.2")  # of Follower and Leader
 ACTIVE_S = 15.0
 RECOVERED_S = 3.0
-ROBOTS = [entry for entry in PROCESSES if entry.robot != "world" and not entry.name.endswith("-gateway")]
+DOCKED_S = 120.0
+ROBOTS = [entry for entry in PROCESSES if entry.robot != "world"]
+needs_gateways = pytest.mark.skipif(
+    not any(entry.name.endswith("-gateway") for entry in ROBOTS), reason="no gateways in the process table"
+)
 
 
 @dataclass
@@ -38,13 +45,29 @@ class Pair:
         return self.leader if process.startswith("leader") else self.follower
 
 
-def furnish(machine: Machine, robot: str) -> None:
-    """What a person does after the installation: the pair's configuration, and processes from boot on."""
+def furnish(machine: Machine, robot: str, authority: Path) -> None:
+    """What a person does after the installation: the pair's configuration and keys, and processes from boot on."""
     config = machine.root / "etc/davpc/robots.toml"
-    config.write_text(config.read_text().replace('host = "127.0.0.1"', f'host = "{FOLLOWER}"'))
+    text = config.read_text().replace('host = "127.0.0.1"', f'host = "{BUSES[0]}"')
+    config.write_text(text.replace('"quic/follower:7447"', f'"quic/{NETWORK[0]}:7447"'))
+    keys = machine.root / "etc/davpc/pki"
+    keys.mkdir(mode=0o700)
+    for path in (authority / "ca.pem", authority / f"{robot}.pem", authority / f"{robot}.key"):
+        shutil.copy(path, keys)
     wants = machine.root / "etc/systemd/system/multi-user.target.wants"
     wants.mkdir(exist_ok=True)
     (wants / f"davpc-{robot}.target").symlink_to(f"/usr/local/lib/systemd/system/davpc-{robot}.target")
+
+
+@pytest.fixture(scope="module")
+def authority(workshop: Workshop) -> Path:
+    """A certificate for each robot."""
+    folder = workshop.folder / "pki"
+    command = [str(ROOT / "deploy/pki.sh"), "--dir", str(folder)]
+    subprocess.run([*command, "ca"], check=True)
+    subprocess.run([*command, "issue", "follower", "--host", NETWORK[0]], check=True)
+    subprocess.run([*command, "issue", "leader", "--host", NETWORK[1]], check=True)
+    return folder
 
 
 def boot(machine: Machine, robot: str) -> float:
@@ -54,13 +77,15 @@ def boot(machine: Machine, robot: str) -> float:
 
 
 @pytest.fixture(scope="module")
-def pair(workshop: Workshop, installed: Installed) -> Iterator[Pair]:
-    """Both machines, running."""
-    network = workshop.network("pair", [FOLLOWER, LEADER])
+def pair(workshop: Workshop, installed: Installed, authority: Path) -> Iterator[Pair]:
+    """Both machines, running. The simulated buses have a cable of their own."""
+    network = workshop.network("pair", 2)
+    network.cable("host0", NETWORK)
+    network.cable("buses", BUSES)
     follower = workshop.machine("follower", [installed.disk], network.spaces[0])
     leader = workshop.machine("leader", [installed.disk], network.spaces[1])
-    furnish(follower, "follower")
-    furnish(leader, "leader")
+    furnish(follower, "follower", authority)
+    furnish(leader, "leader", authority)
     made = Pair(follower, leader, network, time.monotonic())
     follower.boot()
     leader.boot()
@@ -145,6 +170,22 @@ def leader_ready(probe: Probe) -> bool:
     """Whether the Leader says so now."""
     state = probe.newest(LEADER_STATE)
     return isinstance(state, LeaderState) and state.ready
+
+
+@needs_gateways
+def test_a_docking_runs_through_although_the_robots_lose_each_other_on_the_way(pair: Pair) -> None:
+    with Probe(pair.follower) as probe:
+        until(probe.is_disarmed, 5, "the bridge to say disarmed")
+        until(lambda: leader_ready(probe), 10, "the Leader to be heard through the gateways")
+        probe.dock()
+        until(lambda: probe.phase().startswith("approach"), 20, "the approach")
+        pair.network.plug("host0", False)
+        until(lambda: probe.newest(LEADER_STATE, 1.0) is None, 10, "the Leader to be missed")
+        assert probe.phase() == "approach"
+        pair.network.plug("host0", True)
+        until(lambda: leader_ready(probe), 10, "the Leader to be heard again")
+        until(lambda: probe.phase().split(" ")[0] in ("done", "aborted"), DOCKED_S, "the docking to end")
+        assert probe.phase().startswith("done")
 
 
 def test_a_crash_loop_stops_the_robot_until_a_person_resets_it(pair: Pair) -> None:
