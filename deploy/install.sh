@@ -11,8 +11,9 @@
 #   install.sh uninstall [--purge] [--dry-run]  remove all but configuration and calibration; --purge: these too
 #   install.sh wheels DIR                       gather the packages, on a machine with network and the same Python
 #
-# A release is a folder of /opt/davpc/releases with a virtual environment and its units; /opt/davpc/current points to
-# the one in use, /opt/davpc/previous to the one before. /etc/davpc is yours: a file that is there is never touched.
+# A release is a folder of /opt/davpc/releases with a virtual environment and its units; releases with the same lock
+# share the packages in /opt/davpc/environments. /opt/davpc/current points to the release in use, /opt/davpc/previous
+# to the one before. /etc/davpc is yours: a file that is there is never touched.
 # If an upgraded robot does not come up healthy, the release before is put back. A second run changes nothing.
 set -euo pipefail
 
@@ -23,6 +24,7 @@ LIB=/usr/local/lib
 PYTHON=${PYTHON:-/usr/bin/python3}
 HEALTHY_S=5        # so long every process must run without a restart
 HEALTH_WAIT_S=40   # within this
+BORROWED=davpc-packages.pth
 PACKAGED=(common follower leader sim station experiments deploy docs pyproject.toml README.md LICENSE)
 
 dry_run="" wheels="" variant=hardware start="" restart="" purge="" changed=0 last_but_one=""
@@ -60,21 +62,45 @@ is_running() { [ -n "$(target_of)" ] && systemctl -q is-active "$(target_of)"; }
 
 # --- a release on the disk
 
-build_release() { # ID
-  local release=$OPT/releases/$1 source=()
-  [ ! -e "$release/.complete" ] || return 0
-  say "building release $1"
+# pip, made quiet, of the environment $1
+pip_of() { echo "$1/bin/python -m pip --quiet --disable-pip-version-check"; }
+
+environment_of() { # what releases of the same lock share: 12 hex digits of lock and Python
+  cat "$TREE/deploy/requirements.lock" <("$PYTHON" -VV) | sha256sum | cut -c1-12
+}
+
+build_environment() { # NAME: all packages but davpc's own
+  local environment=$OPT/environments/$1 source=()
+  [ ! -e "$environment/.complete" ] || return 0
+  say "installing the locked packages"
   [ -z "$wheels" ] || source=(--no-index --find-links "$wheels")
+  run rm -rf "$environment"
+  run mkdir -p "$OPT/environments"
+  run "$PYTHON" -m venv "$environment"
+  # shellcheck disable=SC2046 # words are meant
+  run $(pip_of "$environment") install "${source[@]}" --require-hashes -r "$TREE/deploy/requirements.lock" ||
+    die "the packages could not be installed; nothing has changed"
+  run touch "$environment/.complete"
+}
+
+build_release() { # ID
+  local release=$OPT/releases/$1 environment=$OPT/environments/$(environment_of)
+  [ ! -e "$release/.complete" ] || return 0
+  build_environment "$(basename "$environment")"
+  say "building release $1"
   run rm -rf "$release"
   run mkdir -p "$OPT/releases"
-  run "$PYTHON" -m venv "$release"
-  local pip=("$release/bin/python" -m pip install --quiet --disable-pip-version-check --no-warn-script-location)
-  run "${pip[@]}" "${source[@]}" --require-hashes -r "$TREE/deploy/requirements.lock" ||
-    die "the packages could not be installed; nothing has changed"
-  run "${pip[@]}" --no-index --no-deps --no-build-isolation "$TREE"
+  run "$PYTHON" -m venv --without-pip "$release"
+  run borrow "$environment" "$release"
+  # shellcheck disable=SC2046
+  run $(pip_of "$environment") --python "$release/bin/python" install --no-index --no-deps --no-build-isolation "$TREE"
   run mkdir -p "$release/share/davpc"
   run cp -r "$TREE/deploy" "$TREE/docs" "$release/share/davpc/"
   run touch "$release/.complete"
+}
+
+borrow() { # ENVIRONMENT RELEASE: the release finds the environment's packages
+  echo "$1"/lib/python3*/site-packages >"$(echo "$2"/lib/python3*/site-packages)/$BORROWED"
 }
 
 check_configuration() { # ID; the configuration must be one that this release can read
@@ -219,7 +245,10 @@ healthy() { # TARGET: every process of it runs, and none has been restarted for 
     [ $((SECONDS - since)) -lt "$HEALTHY_S" ] || return 0
     sleep 0.2
   done
-  say "not healthy: $(states "${units[@]}" | awk '$2 != "active" { print $1 }' | xargs)" >&2
+  # if the safe target has stopped all the others, those that failed are to blame
+  now=$(systemctl list-units --plain --no-legend --state=failed 'davpc-*')
+  [ -n "$now" ] || now=$(states "${units[@]}" | awk '$2 != "active"')
+  say "not healthy: $(awk '{ print $1 }' <<<"$now" | xargs)" >&2
   journalctl -q -b -p err -n 5 --no-hostname -o cat >&2 || true
   return 1
 }
@@ -230,13 +259,17 @@ start_and_check() { # TARGET
   [ -n "$dry_run" ] || healthy "$1"
 }
 
-prune() {
-  local release
-  for release in "$OPT"/releases/*; do
-    case $(basename "$release") in
+prune() { # all but the current and the previous release, and the packages that neither uses
+  local folder
+  for folder in "$OPT"/releases/*; do
+    case $(basename "$folder") in
     "$(linked current)" | "$(linked previous)" | '*') ;;
-    *) run rm -rf "$release" ;;
+    *) run rm -rf "$folder" ;;
     esac
+  done
+  for folder in "$OPT"/environments/*; do
+    [ ! -d "$folder" ] || grep -qs "^$folder/" "$OPT"/releases/*/lib/python3*/site-packages/"$BORROWED" ||
+      run rm -rf "$folder"
   done
 }
 

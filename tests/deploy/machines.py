@@ -1,4 +1,4 @@
-"""Machines that boot a real systemd: systemd-nspawn on an overlay of this machine's own root, nothing downloaded."""
+"""Machines that boot a real systemd: systemd-nspawn on an overlay of this machine's own root, no download."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import pytest
@@ -21,12 +21,18 @@ _CGROUPS = [path for path in map(Path, ("/sys/fs/cgroup/systemd", "/sys/fs/cgrou
 
 
 def why_not(folder: Path) -> str:
-    """Why this machine cannot boot others; empty if it can."""
+    """Why this machine cannot boot others; empty if it can, and their disks can lie in ``folder``, in memory.
+
+    On a disk they would lie below what they are laid over, which an overlay refuses.
+    """
     if os.geteuid() != 0:
         return "booting machines needs root"
     for tool, package in _TOOLS.items():
         if shutil.which(tool) is None:
             return f"{tool} is not installed (package {package})"
+    in_memory = subprocess.run(["mount", "-t", "tmpfs", "davpc", folder], capture_output=True, text=True, check=False)
+    if in_memory.returncode:
+        return f"no tmpfs can be mounted: {in_memory.stderr.strip()}"
     trial = folder / "trial"
     for name in ("up", "work", "root"):
         (trial / name).mkdir(parents=True)
@@ -48,24 +54,26 @@ def until(condition: Callable[[], object], seconds: float, what: str) -> float:
 
 
 class Network:
-    """A cable between two machines: a namespace for each, a veth pair between them. Leaves nothing behind."""
+    """A namespace for each machine, and cables between two of them. Leaves nothing behind."""
 
-    def __init__(self, tag: str, addresses: Sequence[str]) -> None:
-        self.spaces = [f"davpc-{tag}-{number}" for number in range(len(addresses))]
+    def __init__(self, tag: str, machines: int) -> None:
+        self.spaces = [f"davpc-{tag}-{number}" for number in range(machines)]
         for space in self.spaces:
             _ip("netns", "add", space)
             _ip("-n", space, "link", "set", "lo", "up")
-        if len(addresses) == 2:
-            a, b = self.spaces
-            _ip("link", "add", "host0", "netns", a, "type", "veth", "peer", "name", "host0", "netns", b)
-            for space, address in zip(self.spaces, addresses, strict=True):
-                _ip("-n", space, "address", "add", f"{address}/24", "dev", "host0")
-            self.plug(True)
 
-    def plug(self, on: bool) -> None:
-        """Connect or cut the cable."""
+    def cable(self, name: str, addresses: tuple[str, str]) -> None:
+        """Join the first two machines; the interface has this name on both."""
+        a, b = self.spaces[:2]
+        _ip("link", "add", name, "netns", a, "type", "veth", "peer", "name", name, "netns", b)
+        for space, address in zip((a, b), addresses, strict=True):
+            _ip("-n", space, "address", "add", f"{address}/24", "dev", name)
+        self.plug(name, True)
+
+    def plug(self, name: str, on: bool) -> None:
+        """Connect or cut a cable."""
         for space in self.spaces:
-            _ip("-n", space, "link", "set", "host0", "up" if on else "down")
+            _ip("-n", space, "link", "set", name, "up" if on else "down")
 
     def close(self) -> None:
         """Take the namespaces away, with what is in them."""
@@ -81,17 +89,19 @@ class Machine:
         folder: where its disk lies.
         layers: read-only disks under its own, the topmost first.
         space: network namespace.
-        mnt: folder that it sees, read-only, as ``/mnt``.
+        shared: folders that it sees, read-only, by their place in it.
     """
 
-    def __init__(self, name: str, folder: Path, layers: Sequence[Path], space: str, mnt: Path) -> None:
-        self.name, self.folder, self._layers, self._space, self._mnt = name, folder, [*layers], space, mnt
+    def __init__(
+        self, name: str, folder: Path, layers: Sequence[Path], space: str, shared: Mapping[str, Path]
+    ) -> None:
+        self.name, self.folder, self._space, self._shared = name, folder, space, dict(shared)
         self.root = folder / "root"
         self._nspawn: subprocess.Popen[bytes] | None = None
         self.pid = 0
         for part in ("up", "work", "root"):
             (folder / part).mkdir(parents=True)
-        mounted = _mount_overlay([*self._layers, Path("/")], folder)
+        mounted = _mount_overlay([*layers, Path("/")], folder)
         if mounted.returncode:
             raise RuntimeError(mounted.stderr)
         (self.root / "etc/machine-id").write_text(f"{os.urandom(16).hex()}\n")
@@ -106,9 +116,10 @@ class Machine:
         return self.folder / "up"
 
     def boot(self) -> None:
-        """Switch on, and return when its service manager takes orders."""
+        """Switch on, and return when services may be started."""
         command = ["systemd-nspawn", "-q", "--register=no", "--keep-unit", "-M", self.name, "-D", str(self.root)]
-        command += [f"--network-namespace-path=/run/netns/{self._space}", f"--bind-ro={self._mnt}:/mnt"]
+        command += [f"--network-namespace-path=/run/netns/{self._space}"]
+        command += [f"--bind-ro={outside}:{inside}" for inside, outside in self._shared.items()]
         command += ["--capability=CAP_IPC_LOCK", "--system-call-filter=@memlock", "--boot", "--console=pipe"]
         command += ["systemd.unit=multi-user.target"]
         with (self.folder / "console.log").open("ab") as console:
@@ -121,7 +132,7 @@ class Machine:
                 start_new_session=True,
             )
         until(self._find_init, BOOT_S, f"{self.name} to start: see {self.folder}/console.log")
-        until(lambda: self.call("systemctl", "is-system-running").stdout.strip(), BOOT_S, f"{self.name} to boot")
+        until(lambda: self.is_active("basic.target"), BOOT_S, f"{self.name} to boot")
 
     def call(self, *command: str, seconds: float = 60.0) -> subprocess.CompletedProcess[str]:
         """Run a command inside."""
