@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from common.bus import OnRequest
 from common.channels import LEADER_STATE, LOCK_REQUEST
 from tests.conftest import REFERENCE
 from tests.net.conftest import READY_S, Gateways, Heard, authority, free_port, needs_openssl, published_until_heard
@@ -17,6 +18,11 @@ from tests.system.conftest import until
 
 pytestmark = [pytest.mark.alone, needs_openssl]
 NAMES = ("a", "b")
+
+
+def answering(name: bytes) -> OnRequest:
+    """Answers with who answers."""
+    return lambda _asked, answer: answer(name)
 
 
 def written(pair: Gateways, path: Path) -> Path:
@@ -60,7 +66,7 @@ def test_each_pair_hears_itself_alone(pairs: dict[str, Gateways]) -> None:
     leaders = {name: pair.play("leader") for name, pair in pairs.items()}
     heard = {name: Heard(bus, LEADER_STATE) for name, bus in followers.items()}
     for name, leader in leaders.items():
-        leader.serve(LOCK_REQUEST, lambda asked, answer, name=name: answer(asked + name.encode()))
+        leader.serve(LOCK_REQUEST, answering(name.encode()))
         leader.declare_alive("leader")
 
     def publish() -> None:
