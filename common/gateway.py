@@ -67,7 +67,7 @@ class Router:
                 "unicast": {"max_sessions": 64, "accept_pending": 32, "open_timeout": 2000, "accept_timeout": 2000},
                 "link": {
                     "protocols": list(dict.fromkeys(address.partition("/")[0] for address in addresses)),
-                    "tx": {"lease": 500, "keep_alive": 4},
+                    "tx": {"lease": 2000, "keep_alive": 4},
                     "rx": {"max_message_size": self.max_message_bytes},
                     "tls": self._tls(),
                 },

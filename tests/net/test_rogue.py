@@ -227,9 +227,9 @@ def test_garbage_and_half_open_connections_touch_neither_link_nor_memory(
             site.sure(partial(site.leader.publish, LEADER_STATE, state), state)
 
     with ExitStack() as stack:
-        attack(stack, 50)
+        attack(stack, 40)
         before = {robot: resident_mb(child.pid) for robot, child in gateways.running.items()}
-        attack(stack, 200)
+        attack(stack, 120)
         grown = {robot: resident_mb(child.pid) - before[robot] for robot, child in gateways.running.items()}
     assert all(megabytes <= 5.0 for megabytes in grown.values()), grown
     assert all(child.poll() is None for child in gateways.running.values())
