@@ -21,7 +21,7 @@ from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.processes import GATEWAYS, PROCESSES
 from common.timing import NS_PER_S
 
-_FLOOD_FACTOR = 10.0
+_FLOOD_FACTOR = 20.0
 _DAY_S = 86_400.0
 _WARN_S = 30 * _DAY_S
 _log = logging.getLogger("gateway")
@@ -64,10 +64,10 @@ class Router:
             "adminspace": {"enabled": False},
             "transport": {
                 "shared_memory": {"enabled": False},
-                "unicast": {"max_sessions": 64, "accept_pending": 32, "open_timeout": 500, "accept_timeout": 500},
+                "unicast": {"max_sessions": 64, "accept_pending": 32, "open_timeout": 2000, "accept_timeout": 2000},
                 "link": {
                     "protocols": list(dict.fromkeys(address.partition("/")[0] for address in addresses)),
-                    "tx": {"lease": 500, "keep_alive": 4},
+                    "tx": {"lease": 2000, "keep_alive": 4},
                     "rx": {"max_message_size": self.max_message_bytes},
                     "tls": self._tls(),
                 },
@@ -90,7 +90,7 @@ class Router:
         }
 
     def _flood_limit(self) -> dict[str, Any]:
-        """At most ten times a channel's rate comes in from the network, whatever is sent."""
+        """At most twenty times a channel's rate comes in from the network, whatever is sent."""
         return {
             "id": "flood",
             "messages": ["put"],

@@ -23,7 +23,7 @@ from tests.conftest import REFERENCE
 from tests.system.conftest import until
 
 PKI = Path(__file__).parents[2] / "deploy/pki.sh"
-READY_S = 30.0
+READY_S = 90.0
 needs_openssl = pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed")
 
 
@@ -109,8 +109,13 @@ class Gateways:
         """Both gateways, once each hears the other."""
         for robot in OTHER:
             self.start(robot)
-        until(lambda: all("is heard" in self.log(robot) for robot in OTHER), READY_S)
+        until(lambda: all("is heard" in self.log(robot) for robot in OTHER) or self.dead(), READY_S)
+        assert not self.dead(), [self.log(robot) for robot in OTHER]
         return self
+
+    def dead(self) -> bool:
+        """Whether a gateway ended by itself."""
+        return any(child.poll() is not None for child in self.running.values())
 
     def close(self) -> None:
         """End everything."""

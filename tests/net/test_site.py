@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 
 import pytest
 
+from common.bus import OnRequest
 from common.channels import LEADER_STATE, LOCK_REQUEST
 from tests.conftest import REFERENCE
 from tests.net.conftest import READY_S, Gateways, Heard, authority, free_port, needs_openssl, published_until_heard
@@ -18,6 +18,11 @@ from tests.system.conftest import until
 
 pytestmark = [pytest.mark.alone, needs_openssl]
 NAMES = ("a", "b")
+
+
+def answering(name: bytes) -> OnRequest:
+    """Answers with who answers."""
+    return lambda _asked, answer: answer(name)
 
 
 def written(pair: Gateways, path: Path) -> Path:
@@ -56,17 +61,12 @@ def pairs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         yield {name: pair.linked() for name, pair in made.items()}
 
 
-def echo(name: str, asked: bytes, answer: Callable[[bytes], None]) -> None:
-    """Answer a request with itself and one's name."""
-    answer(asked + name.encode())
-
-
 def test_each_pair_hears_itself_alone(pairs: dict[str, Gateways]) -> None:
     followers = {name: pair.play("follower-supervisor") for name, pair in pairs.items()}
     leaders = {name: pair.play("leader") for name, pair in pairs.items()}
     heard = {name: Heard(bus, LEADER_STATE) for name, bus in followers.items()}
     for name, leader in leaders.items():
-        leader.serve(LOCK_REQUEST, partial(echo, name))
+        leader.serve(LOCK_REQUEST, answering(name.encode()))
         leader.declare_alive("leader")
 
     def publish() -> None:
