@@ -13,7 +13,7 @@ import typer
 
 from common.config import Config, ConfigError, default_config_path
 from common.geometry import Array, Pose2
-from station.cli_options import ROBOT, ConfigOption, RuntimeOption, SetOption, loaded, numbers
+from station.cli_options import ROBOT, ConfigOption, RuntimeOption, SetOption, loaded, numbers, writable
 
 if TYPE_CHECKING:
     from station.calibration import Board
@@ -45,6 +45,7 @@ def calibrate_lens(
     kind = _board(board, square_mm)
     if live == (folder is not None):
         raise ConfigError("calibrate camera: name a folder of images, or --live")
+    writable(out)
     if folder is not None:
         (views, size), origin, camera = _photographed(folder, kind), str(folder), serial or "unknown"
     else:
@@ -99,6 +100,7 @@ def view(
 
     robots = loaded(config, overrides)
     x_m, y_m, theta_deg = numbers(pose, 3)
+    writable(out)
     if not runtime.is_dir():
         raise ConfigError(f"{runtime}: no robot runs here")
     views = load_views(out, len(robots.leds.points)) if out.exists() else []
