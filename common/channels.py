@@ -13,6 +13,7 @@ from common.messages import (
     DockRequest,
     Drives,
     Frame,
+    GatewayState,
     Health,
     LeaderState,
     LockRequest,
@@ -56,6 +57,8 @@ ARM_SETPOINT = Channel("follower/motion/arm_setpoint", ArmSetpoint, "follower-ar
 ARM_STATE = Channel("follower/state/arms", ArmState, "follower-arms", 100, 100)
 DRIVES = Channel("follower/state/drives", Drives, "follower-can-bridge", 100, 50)
 LEADER_STATE = Channel("leader/state", LeaderState, "leader", 10, 500, reach="pair")
+FOLLOWER_GATEWAY = Channel("follower/gateway/state", GatewayState, "follower-gateway", 2, 2000)
+LEADER_GATEWAY = Channel("leader/gateway/state", GatewayState, "leader-gateway", 2, 2000)
 DOCK_REQUEST = Channel("follower/request/dock", DockRequest, "follower-supervisor", 0, 0, kind="request")
 MANUAL_REQUEST = Channel("follower/request/manual", ManualRequest, "follower-supervisor", 0, 0, kind="request")
 LOCK_REQUEST = Channel("leader/request/lock", LockRequest, "leader", 0, 0, reach="pair", kind="request")
@@ -69,10 +72,19 @@ CHANNELS: tuple[Channel[Any], ...] = (
     ARM_STATE,
     DRIVES,
     LEADER_STATE,
+    FOLLOWER_GATEWAY,
+    LEADER_GATEWAY,
     DOCK_REQUEST,
     MANUAL_REQUEST,
     LOCK_REQUEST,
 )
+
+LIVE_KEYS = "live/*"
+
+
+def live_key(process: str) -> str:
+    """The key of the liveliness token of a process."""
+    return LIVE_KEYS.replace("*", process)
 
 
 def health_channel(process: str) -> Channel[Health]:

@@ -57,9 +57,14 @@ def run_process(name: str, config_path: Path, runtime: Path, overrides: Sequence
 
 
 def _be_real_time(entry: Process, log: logging.Logger) -> None:
-    """SCHED_FIFO for this thread and those it will start, and locked memory; what is not allowed is said."""
+    """SCHED_FIFO for this thread and those it will start, and locked memory; what is not allowed is said.
+
+    The service manager gives the priority to a unit beforehand, and takes the right to ask for it.
+    """
+    given = os.sched_getscheduler(0) == os.SCHED_FIFO and os.sched_getparam(0).sched_priority == entry.priority
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(entry.priority))
+        if not given:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(entry.priority))
     except OSError as error:
         log.warning("no real-time priority %d (%s): loops may be late under load", entry.priority, error.strerror)
     refused = lock_memory() if entry.locked else ""
@@ -89,7 +94,13 @@ class ProcessExecutor:
         self._requester = ThreadPoolExecutor(max_workers=2, thread_name_prefix="request")
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
-        self._bus = Bus(node.name, context.runtime, earlier_processes(node.name))
+        self._bus = Bus(
+            node.name,
+            context.runtime,
+            earlier_processes(node.name),
+            context.config.network.namespace,
+            node.bus_settings,
+        )
 
     def __enter__(self) -> ProcessExecutor:
         return self
@@ -184,7 +195,6 @@ class ProcessExecutor:
         self._publish(outputs)
         self._steps += 1
         self._durations_ns.append(self._clock.now_ns() - now_ns)
-        notify_service_manager("WATCHDOG=1")
         return bool(outputs)
 
     def _publish(self, outputs: Sequence[tuple[Channel[Any], Message]]) -> None:
@@ -209,6 +219,8 @@ class ProcessExecutor:
             self._wake.set()
 
     def _report(self, missed: int) -> None:
+        """Tell the service manager and whoever listens that the loop turns, also while no input makes it step."""
+        notify_service_manager("WATCHDOG=1")
         while self._inbox.faults:
             self._log.warning("dropped a message: %s", self._inbox.faults.popleft())
         health = Health(self._node.name, True, self._steps, missed, self._inbox.malformed, self._step_ms()[1])

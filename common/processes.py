@@ -54,7 +54,13 @@ PROCESSES: tuple[Process, ...] = (
     Process("follower-controller", "follower", 20, 25, "every third docking state", "docking state → command"),
     Process("follower-arms", "follower", 100, 40, "drives", "handle torques, contact from joint torque"),
     Process("follower-supervisor", "follower", 20, 45, "timer, requests", "phases of a docking, arming"),
+    Process("follower-gateway", "follower", 2, 10, "timer", "the robot's only network socket: pair channels, mTLS"),
+    Process("leader-gateway", "leader", 2, 10, "timer", "the robot's only network socket: pair channels, mTLS"),
 )
+
+GATEWAYS = {"follower": "follower-gateway", "leader": "leader-gateway"}
+# what runs when both robots share one machine, and so one mesh
+ONE_MACHINE: tuple[Process, ...] = tuple(entry for entry in PROCESSES if entry.name not in GATEWAYS.values())
 
 
 def process(name: str) -> Process:
