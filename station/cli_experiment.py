@@ -114,8 +114,11 @@ def perception(
 
 @experiment.command("stop-times", epilog="Example:  davpc experiment stop-times --trials 100")
 def stop_times(
-    trials: Annotated[int, typer.Option(min=1)] = 100,
-    stalls: Annotated[int, typer.Option(min=0)] = 50,
+    trials: Annotated[
+        int,
+        typer.Option(min=1, help="of each fault of the controller; half of the bridge's, three tenths of others'"),
+    ] = 100,
+    stalls: Annotated[int, typer.Option(min=0, help="of controller or bridge, 0.2 to 10 s")] = 50,
     seed: SeedOption = 1,
     out: Path = Path("out/stop-times"),
     config: ConfigOption = None,
