@@ -421,11 +421,14 @@ class LeaderCanConfig(Section):
 
 
 class LeaderConfig(Section):
-    """Guide and lock of the Leader."""
+    """Guide, lock and LED driver of the Leader."""
 
     lock_travel_timeout_s: Positive
     actuator_current_limit_a: Positive
     led_current_tolerance_a: Positive
+    led_rated_current_a: Annotated[Positive, Field(description="that an LED bears for ever")]
+    led_max_current_a: Annotated[float, Field(gt=0, le=5, description="that may be asked for")]
+    led_thermal_s: Annotated[Positive, Field(description="time constant of an LED's heat")]
 
 
 class BaseConfig(Section):
@@ -437,8 +440,13 @@ class BaseConfig(Section):
 
 
 class Config(Section):
-    """Everything that both robots read. ``world`` belongs to the simulated backend, which checks it itself."""
+    """Everything that both robots read. ``world`` belongs to the simulated backend, which checks it itself.
 
+    ``state_directory`` is where a robot keeps what outlives its processes: the queue's count, reports of attempts;
+    empty: systemd's, or the runtime directory.
+    """
+
+    state_directory: str = ""
     base: BaseConfig
     camera: CameraConfig
     leds: LedsConfig
@@ -460,6 +468,8 @@ class Config(Section):
             raise ValueError("supervisor.approach_speed_m_s is more than limits.v_max_m_s")
         if phases.retract_speed_m_s > -limits.v_min_m_s:
             raise ValueError("supervisor.retract_speed_m_s is more than limits.v_min_m_s allows backwards")
+        if not self.leds.current_a <= self.leader.led_rated_current_a <= self.leader.led_max_current_a:
+            raise ValueError("leds.current_a ≤ leader.led_rated_current_a ≤ leader.led_max_current_a does not hold")
         if phases.push_limit_m <= self.docking.push_stroke_m:
             raise ValueError("supervisor.push_limit_m must be more than docking.push_stroke_m")
         if self.controller.method == "paper" and self.controller.solver == "gauss_newton":
