@@ -70,3 +70,14 @@ def open_link(runtime: Path | None) -> Iterator[RobotLink]:
 
     with RobotLink(running_robot(runtime)) as link:
         yield link
+
+
+def running_folder() -> Path:
+    """The folder of the robot that runs here.
+
+    Raises:
+        DeviceError: none runs here, or several.
+    """
+    from station.robot_link import running_robot
+
+    return running_robot(None)

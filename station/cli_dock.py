@@ -18,9 +18,11 @@ from station.answers import (
     fields,
     open_link,
     request_id,
+    running_folder,
     say,
     show_json,
 )
+from station.cli_options import ConfigOption, SetOption, loaded
 
 if TYPE_CHECKING:
     from station.robot_link import RobotLink
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 dock = typer.Typer(no_args_is_help=True, help="Dock, abort, reset; see where it stands. `davpc dock status`")
 
 _END_S = 3600.0
+_INSTALLED = Path("/var/lib/davpc")
 
 
 @dock.command(epilog="Example:  davpc dock start --trolley 2 --wait")
@@ -73,6 +76,45 @@ def status(runtime: RunningOption = None, as_json: JsonOption = False) -> None:
     raise typer.Exit(0 if follower is not None else 1)
 
 
+@dock.command(epilog="Example:  davpc dock report --last 50")
+def report(
+    last: Annotated[int, typer.Option(min=1, max=10_000, help="attempts")] = 20,
+    state: Annotated[
+        Path | None,
+        typer.Option(help="folder of the reports", show_default="state_directory, or the running robot's"),
+    ] = None,
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Sum the last attempts up; warn of a calibration that drifts."""
+    from dataclasses import asdict
+
+    from station.attempts import ATTEMPTS_FILE, read_attempts, summarise
+
+    folder = state or _state_folder(loaded(config, overrides).state_directory)
+    summary = summarise(*read_attempts(folder / ATTEMPTS_FILE, last))
+    if as_json:
+        show_json(asdict(summary))
+        return
+    share = f"{summary.docked} of {summary.attempts} docked"
+    typer.echo(share + "".join(f", {count} {code}" for code, count in summary.causes.items()))
+    for label, value, unit in (
+        ("lateral error on arrival", summary.mean_e_y_cm, "cm"),
+        ("heading error on arrival", summary.mean_e_theta_deg, "°"),
+        ("duration", summary.mean_duration_s, "s"),
+    ):
+        typer.echo(f"{label}: {'–' if value is None else f'{value:.2f} {unit}'} in the mean")
+    typer.echo(
+        f"{summary.retries} retries, {summary.pauses} pauses, {summary.interventions} interventions of the gate"
+    )
+    typer.echo("least margins: " + (", ".join(f"{k} {v:.3g}" for k, v in summary.least_margins.items()) or "–"))
+    for warning in summary.warnings:
+        typer.echo(f"WARNING {warning}")
+    if summary.unreadable:
+        typer.echo(f"WARNING {summary.unreadable} lines could not be read")
+
+
 @dock.command(epilog="Example:  davpc dock causes")
 def causes() -> None:
     """List every cause with what it means and what to do."""
@@ -104,6 +146,13 @@ def _follower_line(follower: Any) -> str:
     words += [follower.cause] if follower.cause else []
     words += ["needs a reset (davpc dock reset)"] * follower.needs_reset
     return ", ".join(words)
+
+
+def _state_folder(configured: str) -> Path:
+    """Where the reports lie: as configured, the installed robot's, or the running robot's own folder."""
+    if configured:
+        return Path(configured)
+    return _INSTALLED if _INSTALLED.is_dir() else running_folder()
 
 
 def _ask(action: Any, runtime: Path | None, as_json: bool) -> NoReturn:
