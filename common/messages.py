@@ -338,6 +338,15 @@ class LeaderState:
 
 
 @dataclass(frozen=True, config=STRICT)
+class GatewayState:
+    """A robot's gateway: whether it hears the other robot's, and for how long its certificate is still good."""
+
+    SCHEMA: ClassVar[str] = "gateway_state/1"
+    linked: bool
+    certificate_left_s: float
+
+
+@dataclass(frozen=True, config=STRICT)
 class Health:
     """How a process is doing: published by every process about itself."""
 

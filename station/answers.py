@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from common.config import default_config_path, load_config
 from common.node import DeviceError
 
 if TYPE_CHECKING:
@@ -68,7 +69,8 @@ def open_link(runtime: Path | None) -> Iterator[RobotLink]:
     """The robot that runs here, or in the named folder."""
     from station.robot_link import RobotLink, running_robot
 
-    with RobotLink(running_robot(runtime)) as link:
+    namespace = load_config(default_config_path()).network.namespace
+    with RobotLink(running_robot(runtime), namespace) as link:
         yield link
 
 

@@ -11,8 +11,17 @@ import typer
 
 from common.config import ConfigError, default_config_path
 from common.node import DeviceError
-from common.processes import PROCESSES, process
-from station import cli_calibrate, cli_camera, cli_can, cli_dock, cli_experiment, cli_leader, cli_manual
+from common.processes import ONE_MACHINE, PROCESSES, process
+from station import (
+    cli_calibrate,
+    cli_camera,
+    cli_can,
+    cli_dock,
+    cli_experiment,
+    cli_leader,
+    cli_manual,
+    cli_network,
+)
 from station.cli_options import ConfigOption, SetOption, numbers
 
 EXIT_NOT_DOCKED = 1
@@ -76,7 +85,7 @@ def sim(
     x_m, y_m, theta_deg = world.start
     console.print(
         f"docking from {x_m:g},{y_m:g},{theta_deg:g} in scene {world.scene}, seed {world.seed}, "
-        + ("stepped" if stepped else f"{len(PROCESSES)} processes")
+        + ("stepped" if stepped else f"{len(ONE_MACHINE)} processes")
     )
     with live_progress(console) as run.progress:
         record, cause = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
@@ -139,6 +148,7 @@ app.add_typer(cli_leader.lock, name="lock")
 app.add_typer(cli_camera.camera, name="camera")
 app.add_typer(cli_calibrate.calibrate, name="calibrate")
 app.add_typer(cli_can.can, name="can")
+app.add_typer(cli_network.network, name="network")
 app.add_typer(cli_experiment.experiment, name="experiment")
 app.add_typer(cli_experiment.bench, name="bench")
 

@@ -63,12 +63,12 @@ def _in_use(path: Path) -> bool:
 class RobotLink:
     """Connection of one command; a context manager that leaves nothing behind. Many may be open at once."""
 
-    def __init__(self, runtime: Path) -> None:
+    def __init__(self, runtime: Path, namespace: str) -> None:
         self._clock = MonotonicClock()
         self._runtime = runtime
         self._name = f"person-{os.getpid()}"
         self._outbox = Outbox(self._name, secrets.randbits(62), self._clock.boot_id)
-        self._bus = Bus(self._name, runtime, earlier_processes(self._name))
+        self._bus = Bus(self._name, runtime, earlier_processes(self._name), namespace)
 
     def __enter__(self) -> RobotLink:
         return self
