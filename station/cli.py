@@ -11,8 +11,8 @@ import typer
 
 from common.config import ConfigError, default_config_path
 from common.node import DeviceError
-from common.processes import PROCESSES, process
-from station import cli_calibrate, cli_camera, cli_can, cli_experiment
+from common.processes import ONE_MACHINE, PROCESSES, process
+from station import cli_calibrate, cli_camera, cli_can, cli_experiment, cli_manual, cli_network
 from station.cli_options import ConfigOption, SetOption, numbers
 
 EXIT_NOT_DOCKED = 1
@@ -76,7 +76,7 @@ def sim(
     x_m, y_m, theta_deg = world.start
     console.print(
         f"docking from {x_m:g},{y_m:g},{theta_deg:g} in scene {world.scene}, seed {world.seed}, "
-        + ("stepped" if stepped else f"{len(PROCESSES)} processes")
+        + ("stepped" if stepped else f"{len(ONE_MACHINE)} processes")
     )
     with live_progress(console) as run.progress:
         record, cause = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
@@ -102,6 +102,9 @@ def run(
     runtime: Annotated[Path, typer.Option(help="private folder of the robot's sockets and frames")] = Path(
         "/run/davpc"
     ),
+    shadow: Annotated[
+        bool, typer.Option("--shadow", help="the CAN bridge never enables a drive and tells what it would command")
+    ] = False,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -114,7 +117,8 @@ def run(
         raise ConfigError(str(error.args[0])) from error
     if not runtime.is_dir():
         raise ConfigError(f"{runtime}: no such folder; make it with mode 0700, or let systemd do so")
-    raise typer.Exit(run_process(name, config or default_config_path(), runtime, overrides or []))
+    chosen = [*(overrides or []), *(["follower_can.shadow=true"] if shadow else [])]
+    raise typer.Exit(run_process(name, config or default_config_path(), runtime, chosen))
 
 
 @app.command(epilog="Example:  davpc processes")
@@ -126,9 +130,13 @@ def processes() -> None:
 
 
 app.command(epilog="Example:  davpc teach 1 --runtime /run/davpc")(cli_camera.teach)
+app.command(epilog="Example:  davpc jog --speed 0.05 --seconds 2")(cli_manual.jog)
+app.command(epilog="Example:  davpc grip close")(cli_manual.grip)
+app.command(epilog="Example:  davpc lift 200")(cli_manual.lift)
 app.add_typer(cli_camera.camera, name="camera")
 app.add_typer(cli_calibrate.calibrate, name="calibrate")
 app.add_typer(cli_can.can, name="can")
+app.add_typer(cli_network.network, name="network")
 app.add_typer(cli_experiment.experiment, name="experiment")
 app.add_typer(cli_experiment.bench, name="bench")
 

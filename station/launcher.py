@@ -26,7 +26,7 @@ from common.executor import EXIT_CONFIG, earlier_processes
 from common.geometry import Pose2
 from common.messages import Answer, DockRequest, Header, MessageError, decode, encode
 from common.node import Inbox, Node, NodeContext, Output, Trigger
-from common.processes import PROCESSES
+from common.processes import ONE_MACHINE
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, SteppedClock
 from sim.stepped import SteppedExecutor
 from sim.world_config import WorldConfig, world_config
@@ -128,7 +128,7 @@ def run_stepped(run: Run) -> tuple[DockingRecord, str]:
         record = DockingRecord(config, runtime)
         nodes = [
             entry.factory()(NodeContext(config, run.config_path, runtime, number, clock))
-            for number, entry in enumerate(PROCESSES, start=1)
+            for number, entry in enumerate(ONE_MACHINE, start=1)
         ]
         nodes.append(_StationNode(record, clock.now_ns() + NS_PER_S))
         end_ns = clock.now_ns() + round(RUN_TIMEOUT_S * NS_PER_S)
@@ -158,7 +158,7 @@ def run_processes(run: Run) -> tuple[DockingRecord, str]:
                 run.out / LOGS,
                 server.fileno(),
             )
-            with Bus(STATION, runtime, earlier_processes(STATION)) as bus:
+            with Bus(STATION, runtime, earlier_processes(STATION), run.config.network.namespace) as bus:
                 return _Session(run, runtime, bus, children, interrupted).dock()
         finally:
             stop_children(children)
@@ -201,7 +201,7 @@ class _Session:
 
     def _await_ready(self) -> str:
         deadline_ns = self._clock.now_ns() + round(READY_TIMEOUT_S * NS_PER_S)
-        wanted = {process.name for process in PROCESSES}
+        wanted = {process.name for process in ONE_MACHINE}
         while True:
             missing = wanted - self._bus.alive()
             if not missing:

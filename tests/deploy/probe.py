@@ -26,7 +26,7 @@ class Probe:
         self._clock = MonotonicClock()
         self._newest: dict[str, tuple[Header, Any, float]] = {}
         self._lock = threading.Lock()
-        runtime = Path(f"/proc/{machine.pid}/root/run/davpc")
+        runtime = Path("/proc", str(machine.pid), "root", "run/davpc")
         self._bus = Bus("probe", runtime, earlier_processes("probe"))
         channels: list[Channel[Any]] = [DRIVES, MISSION, LEADER_STATE]
         for channel in channels + [health_channel(entry.name) for entry in PROCESSES]:

@@ -26,9 +26,6 @@ ACTIVE_S = 15.0
 RECOVERED_S = 3.0
 DOCKED_S = 120.0
 ROBOTS = [entry for entry in PROCESSES if entry.robot != "world"]
-needs_gateways = pytest.mark.skipif(
-    not any(entry.name.endswith("-gateway") for entry in ROBOTS), reason="no gateways in the process table"
-)
 
 
 @dataclass
@@ -172,7 +169,6 @@ def leader_ready(probe: Probe) -> bool:
     return isinstance(state, LeaderState) and state.ready
 
 
-@needs_gateways
 def test_a_docking_runs_through_although_the_robots_lose_each_other_on_the_way(pair: Pair) -> None:
     with Probe(pair.follower) as probe:
         until(probe.is_disarmed, 5, "the bridge to say disarmed")

@@ -15,8 +15,6 @@ from tests.deploy.units import SYSTEMD, VARIANTS, merged, read, unit_of, words
 
 SAFE = "davpc-safe.target"
 ROBOTS = ("follower", "leader")
-GATEWAYS = {"follower-gateway": "follower", "leader-gateway": "leader"}
-ROBOT_OF = {entry.name: entry.robot for entry in PROCESSES} | GATEWAYS
 SERVICES = sorted(path.name for path in SYSTEMD.glob("davpc-*.service"))
 EXPOSURE = {"davpc-follower-camera.service": 2.0, "davpc-follower-can-bridge.service": 2.0}
 EXPOSURE_OTHERS = 1.5
@@ -50,7 +48,7 @@ def analyze(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_every_process_has_a_unit_and_every_unit_a_process() -> None:
-    assert sorted(map(unit_of, ROBOT_OF)) == SERVICES
+    assert sorted(unit_of(entry.name) for entry in PROCESSES) == SERVICES
 
 
 @pytest.mark.parametrize("entry", PROCESSES, ids=lambda entry: entry.name)
@@ -65,7 +63,7 @@ def test_a_unit_runs_its_process_with_the_priority_of_the_table(entry: Process) 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_robots_target_pulls_in_exactly_its_processes_and_takes_them_down(robot: str) -> None:
     target = f"davpc-{robot}.target"
-    units = {unit_of(name) for name, where in ROBOT_OF.items() if where == robot}
+    units = {unit_of(entry.name) for entry in PROCESSES if entry.robot == robot}
     assert words(read(SYSTEMD / target), "Unit.Wants") == units
     assert all(merged(unit)["Unit.PartOf"] == [target] for unit in units)
     assert target in words(read(SYSTEMD / SAFE), "Unit.Conflicts")
