@@ -46,7 +46,9 @@ def furnish(machine: Machine, robot: str, authority: Path) -> None:
     """What a person does after the installation: the pair's configuration and keys, and processes from boot on."""
     config = machine.root / "etc/davpc/robots.toml"
     text = config.read_text().replace('host = "127.0.0.1"', f'host = "{BUSES[0]}"')
-    config.write_text(text.replace('"quic/follower:7447"', f'"quic/{NETWORK[0]}:7447"'))
+    for name, address in zip(("follower", "leader"), NETWORK, strict=True):
+        text = text.replace(f'"quic/{name}:7447"', f'"quic/{address}:7447"')
+    config.write_text(text)
     keys = machine.root / "etc/davpc/pki"
     keys.mkdir(mode=0o700)
     for path in (authority / "ca.pem", authority / f"{robot}.pem", authority / f"{robot}.key"):
