@@ -12,14 +12,13 @@ import pytest
 
 from common.processes import PROCESSES
 from tests.deploy.conftest import INSTALL_S, Installed, Workshop, install
+from tests.deploy.docking import TARGET, dock
 from tests.deploy.machines import Machine, until
 from tests.deploy.probe import Probe
 from tests.deploy.units import SYSTEMD, unit_of
 
 pytestmark = pytest.mark.alone
 
-DOCKED_S = 120.0
-TARGET = "davpc-follower.target"
 NEEDS_KEYS = ("follower-gateway",)  # and is not started without
 _PLACES = ("/opt/davpc", "/etc/davpc", "/etc/systemd/system", "/usr/local/lib", "/usr/local/bin", "/var/lib/davpc")
 _MINE = "# measured on our robots\n"
@@ -92,12 +91,7 @@ def test_a_second_install_and_a_dry_run_change_nothing(machine: Machine) -> None
 
 def test_both_robots_of_a_bench_dock_from_their_units(machine: Machine) -> None:
     machine.must("systemctl", "start", TARGET, "davpc-leader.target")
-    with Probe(machine) as probe:
-        until(probe.is_disarmed, 10, "the bridge to say disarmed")
-        until(lambda: probe.is_well("leader"), 10, "the Leader to be well")
-        probe.dock()
-        until(lambda: probe.phase().split(" ")[0] in ("done", "aborted"), DOCKED_S, "the docking to end")
-        assert probe.phase().startswith("done")
+    dock(machine)
     machine.must("systemctl", "stop", "davpc-leader.target")
 
 
