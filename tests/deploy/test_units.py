@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
@@ -10,9 +11,11 @@ from pathlib import Path
 import pytest
 
 from common.processes import PROCESSES, Process
-from tests.deploy.units import SYSTEMD, VARIANTS, merged, read, unit_of, words
+from station.cli import app
+from tests.deploy.units import ROOT, SYSTEMD, VARIANTS, merged, read, unit_of, words
 
 SAFE = "davpc-safe.target"
+COMPOSE = ROOT / "docker/compose.yaml"
 ROBOTS = ("follower", "leader")
 SERVICES = sorted(path.name for path in SYSTEMD.glob("davpc-*.service"))
 EXPOSURE = {"davpc-follower-camera.service": 2.0, "davpc-follower-can-bridge.service": 2.0}
@@ -107,6 +110,21 @@ def test_the_real_buses_are_waited_for_and_speak_no_internet_protocol() -> None:
         assert "AF_INET" not in words(settings, "Service.RestrictAddressFamilies")
         waits = read(VARIANTS["hardware"] / f"{unit}.d/60-can0.conf")
         assert waits["Unit.Requires"] == waits["Unit.After"] == ["sys-subsystem-net-devices-can0.device"]
+
+
+def test_the_command_line_lists_the_same_processes(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        app(["processes"])
+    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert sorted(map(unit_of, listed)) == SERVICES
+
+
+def test_the_compose_file_has_a_service_of_the_same_name_for_each_process() -> None:
+    if not COMPOSE.exists():
+        pytest.skip("there is no docker/compose.yaml")
+    services = re.findall(r"^  ([a-z-]+):\n(?:    .*\n)*?    command: \[run, ([a-z-]+)\]$", COMPOSE.read_text(), re.M)
+    assert all(service == process for service, process in services)
+    assert sorted(unit_of(process) for _, process in services) == SERVICES
 
 
 @needs_systemd
