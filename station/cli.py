@@ -49,6 +49,9 @@ def sim(
         bool, typer.Option(help="one process, stepped time: deterministic, faster than real time")
     ] = False,
     headless: Annotated[bool, typer.Option(help="plain lines instead of live progress")] = False,
+    attach: Annotated[
+        Path | None, typer.Option(help="folder of a Follower's sockets: dock with the processes that run there")
+    ] = None,
     out: Annotated[Path, typer.Option(help="folder for results.json, pictures and logs")] = Path("out/sim"),
     config: ConfigOption = None,
     overrides: SetOption = None,
@@ -76,10 +79,13 @@ def sim(
     x_m, y_m, theta_deg = world.start
     console.print(
         f"docking from {x_m:g},{y_m:g},{theta_deg:g} in scene {world.scene}, seed {world.seed}, "
-        + ("stepped" if stepped else f"{len(ONE_MACHINE)} processes")
+        + ("stepped" if stepped else f"{len(PROCESSES if attach else ONE_MACHINE)} processes")
     )
     with live_progress(console) as run.progress:
-        record, cause = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
+        if attach is not None:
+            record, cause = launcher.run_attached(run, attach)
+        else:
+            record, cause = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
     settings = {
         "seed": world.seed,
         "start": list(world.start),
