@@ -17,6 +17,7 @@ from common.messages import (
     Health,
     LeaderState,
     LockRequest,
+    ManualRequest,
     Message,
     Mission,
 )
@@ -29,7 +30,8 @@ M = TypeVar("M", bound=Message)
 class Channel(Generic[M]):
     """One key.
 
-    ``publisher`` is the one process that may publish (for a request: that answers it); ``reach`` says whether
+    ``publisher`` is the one process that may publish (for a request: that answers it; in the phase ``manual`` a
+    person's station publishes commands instead of the controller); ``reach`` says whether
     the key leaves the robot. ``rate_hz`` is 0 for what has no fixed rate.
     """
 
@@ -58,6 +60,7 @@ LEADER_STATE = Channel("leader/state", LeaderState, "leader", 10, 500, reach="pa
 FOLLOWER_GATEWAY = Channel("follower/gateway/state", GatewayState, "follower-gateway", 2, 2000)
 LEADER_GATEWAY = Channel("leader/gateway/state", GatewayState, "leader-gateway", 2, 2000)
 DOCK_REQUEST = Channel("follower/request/dock", DockRequest, "follower-supervisor", 0, 0, kind="request")
+MANUAL_REQUEST = Channel("follower/request/manual", ManualRequest, "follower-supervisor", 0, 0, kind="request")
 LOCK_REQUEST = Channel("leader/request/lock", LockRequest, "leader", 0, 0, reach="pair", kind="request")
 
 CHANNELS: tuple[Channel[Any], ...] = (
@@ -72,6 +75,7 @@ CHANNELS: tuple[Channel[Any], ...] = (
     FOLLOWER_GATEWAY,
     LEADER_GATEWAY,
     DOCK_REQUEST,
+    MANUAL_REQUEST,
     LOCK_REQUEST,
 )
 

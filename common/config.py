@@ -256,6 +256,10 @@ class SupervisorConfig(Section):
     push_limit_m: Positive
     retract_speed_m_s: Annotated[float, Field(gt=0, le=0.1)]
     retract_distance_m: Positive
+    manual_speed_m_s: Annotated[float, Field(gt=0, le=0.1, description="most that a person may ask for by hand")] = (
+        0.10
+    )
+    manual_turn_rad_s: Annotated[float, Field(gt=0, le=0.3)] = 0.30
     acquire_timeout_s: Positive
     approach_timeout_s: Positive
     lost_timeout_s: Positive
@@ -309,6 +313,17 @@ class ArmsConfig(Section):
         return self
 
 
+class HomingConfig(Section):
+    """How an axis with an incremental encoder finds its place (CiA 402 mode 6). Units: rad, or m for the lift."""
+
+    method: Annotated[int, Field(ge=-128, le=127, description="6098h, in the motor's direction")]
+    position: Annotated[float, Field(description="where the axis stands at its home")]
+    search_speed: Annotated[float, Field(gt=0, le=0.5, description="6099h:01, per second, towards the switch")]
+    zero_speed: Annotated[float, Field(gt=0, le=0.5, description="6099h:02, per second, away from it")]
+    acceleration: Annotated[float, Field(gt=0, le=5.0, description="609Ah, per second squared")]
+    timeout_s: Annotated[float, Field(gt=0, le=120)] = 30.0
+
+
 class DriveConfig(Section):
     """One CiA 402 drive on the bus."""
 
@@ -320,6 +335,13 @@ class DriveConfig(Section):
     rated_torque_n_m: Annotated[Positive, Field(description="of the motor, before the gear: 6076h")] = 0.5
     max_torque_permille: Annotated[int, Field(ge=0, le=3000, description="of the rated torque: 6072h")] = 1000
     serial: Annotated[int, Field(ge=0, lt=2**32, description="1018h:04; 0 takes any")] = 0
+    homing: Annotated[HomingConfig | None, Field(description="none: an absolute encoder, read at start")] = None
+
+    @model_validator(mode="after")
+    def _one_zero(self) -> DriveConfig:
+        if self.homing is not None and self.zero_counts:
+            raise ValueError("zero_counts is of an absolute encoder: with homing the position at home says it")
+        return self
 
 
 class BusConfig(Section):
@@ -345,6 +367,7 @@ class FollowerCanConfig(Section):
     grippers: Annotated[tuple[DriveConfig, ...], Field(min_length=2, max_length=2)]
     lift: DriveConfig
     io_node_id: Annotated[int, Field(ge=1, le=127)]
+    shadow: Annotated[bool, Field(description="never enable a drive; tell what would have been commanded")] = False
     watchdog_ms: Annotated[int, Field(ge=20, le=80)]
     wheel_ramp_m_s2: Annotated[float, Field(gt=0, le=1.0, description="the drives' own: 6083h to 6085h")]
     lift_lead_m: Annotated[Positive, Field(description="lift per turn of the lead screw")]
@@ -355,6 +378,12 @@ class FollowerCanConfig(Section):
     def drives(self) -> tuple[DriveConfig, ...]:
         """All eleven, in the order wheels, joints, grippers, lift."""
         return (self.left_wheel, self.right_wheel, *self.joints, *self.grippers, self.lift)
+
+    @model_validator(mode="after")
+    def _only_arms_are_homed(self) -> FollowerCanConfig:
+        if any(drive.homing is not None for drive in (self.left_wheel, self.right_wheel, *self.grippers)):
+            raise ValueError("homing is for joints and lift; wheels and grippers have none")
+        return self
 
     @model_validator(mode="after")
     def _ids_differ(self) -> FollowerCanConfig:

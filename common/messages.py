@@ -27,7 +27,7 @@ Torque = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Text = Annotated[str, Field(max_length=400)]
 Point2 = tuple[float, float]
 
-Phase = Literal["idle", "acquire", "approach", "push", "lock", "release", "retract", "done", "aborted"]
+Phase = Literal["idle", "acquire", "approach", "push", "lock", "release", "retract", "done", "aborted", "manual"]
 PHASES: tuple[Phase, ...] = (
     "idle",
     "acquire",
@@ -38,6 +38,7 @@ PHASES: tuple[Phase, ...] = (
     "retract",
     "done",
     "aborted",
+    "manual",
 )
 Method = Literal["paper", "davpc"]
 StateCause = Literal[
@@ -147,10 +148,11 @@ class Mission:
 
     ``motion`` tells the controller: ``servo`` to the desired features, ``straight`` at ``straight_speed_m_s``,
     or ``hold``. The caps may only lower the configured limits. ``resets`` counts a person's requests to acknowledge
-    faults; the bridge acts on a change while it is disarmed.
+    faults; the bridge acts on a change while it is disarmed. In phase ``manual`` a person's station commands the
+    wheels: the arms stay where they are, the fingers do as ``grip`` says and the lift goes to ``lift_m``, if any.
     """
 
-    SCHEMA: ClassVar[str] = "mission/1"
+    SCHEMA: ClassVar[str] = "mission/2"
     phase: Phase
     cause: Text
     trolley: Annotated[int, Field(ge=1, le=99)]
@@ -163,9 +165,10 @@ class Mission:
     w_max_rad_s: Annotated[float, Field(ge=0, le=2)]
     goal_theta_rad: Angle
     desired_features: Annotated[tuple[Point2, ...], Field(max_length=12)]
-    grip: Literal["open", "closed"]
+    grip: Literal["open", "closed", "stay"]
     push: bool
     resets: Count
+    lift_m: Annotated[float, Field(ge=0, le=2)] | None = None
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -243,10 +246,11 @@ class Drives:
     """What the bus says, and what the gate let through to it.
 
     ``v_set``/``w_set`` are what was last sent; ``command_sequence`` is the last command that was accepted and
-    ``image_to_can_ns`` the time from its image's capture to its first frame on the bus.
+    ``image_to_can_ns`` the time from its image's capture to its first frame on the bus. In ``shadow`` the drives are
+    never enabled: ``state`` and what is set are as if they were, what is measured is measured.
     """
 
-    SCHEMA: ClassVar[str] = "drives/1"
+    SCHEMA: ClassVar[str] = "drives/2"
     state: Literal["starting", "disarmed", "enabling", "armed", "stopped", "fault"]
     cause: Text
     epoch: Count
@@ -266,6 +270,7 @@ class Drives:
     image_to_can_ns: Count
     gate_rule: Text
     gate_interventions: Count
+    shadow: bool = False
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -314,6 +319,21 @@ class DockRequest:
     expires_ns: Ns
     action: Literal["start", "abort", "reset"]
     trolley: Annotated[int, Field(ge=1, le=99)] = 1
+
+
+@dataclass(frozen=True, config=STRICT)
+class ManualRequest:
+    """A person wants to move the robot by hand: ``start`` arms the phase ``manual``, ``stop`` ends it.
+
+    It lasts only while commands of its epoch keep coming from whoever asked. ``lift_m`` None leaves the lift.
+    """
+
+    SCHEMA: ClassVar[str] = "manual_request/1"
+    id: Text
+    expires_ns: Ns
+    action: Literal["start", "stop"]
+    grip: Literal["open", "closed", "stay"] = "stay"
+    lift_m: Annotated[float, Field(ge=0, le=1)] | None = None
 
 
 @dataclass(frozen=True, config=STRICT)

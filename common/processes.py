@@ -18,7 +18,8 @@ ENTRY_POINTS = "davpc.processes"
 class Process:
     """One process: its name everywhere, where it runs, what makes it step and what it is for.
 
-    ``priority`` is its SCHED_FIFO priority where the system allows one: the shorter the loop, the higher.
+    ``priority`` is its SCHED_FIFO priority where the system allows one: the shorter the loop, the higher;
+    ``locked`` says that its memory is locked, where that is allowed.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Process:
     priority: int
     stepped_by: str
     purpose: str
+    locked: bool = False
 
     def factory(self) -> Callable[[NodeContext], Node]:
         """The function that makes this process's node; found by name, so that no table imports a robot."""
@@ -37,7 +39,15 @@ class Process:
 
 PROCESSES: tuple[Process, ...] = (
     Process("world", "world", 60, 50, "timer", "simulated backend: plant, CAN drives and I/O modules, light"),
-    Process("follower-can-bridge", "follower", 100, 60, "timer, command", "gate; CANopen to drives and inputs"),
+    Process(
+        "follower-can-bridge",
+        "follower",
+        100,
+        60,
+        "timer, command",
+        "gate; CANopen to drives and inputs",
+        locked=True,
+    ),
     Process("leader", "leader", 50, 40, "timer, requests", "LED array, guide and lock; CANopen to the I/O module"),
     Process("follower-camera", "follower", 60, 30, "camera", "light → frame"),
     Process("follower-estimator", "follower", 60, 30, "frame", "frame → docking state"),

@@ -62,6 +62,19 @@ def test_stepped_dockings_are_bit_identical(sim_run: Any) -> None:
     assert (first.out / "camera_frame.png").read_bytes() == (second.out / "camera_frame.png").read_bytes()
 
 
+def test_the_papers_estimator_docks_too(sim_run: Any) -> None:
+    run = sim_run("--stepped", "--start", "2.4,0.08,2", "--set", "estimator.method='paper'")
+    assert run.finish() == 0, "".join(run.lines)
+    assert is_docked(run.results()), run.results()
+
+
+def test_an_exposure_too_short_is_mended_by_the_retry(sim_run: Any) -> None:
+    run = sim_run("--stepped", "--start", "4.5,0.1,2", "--set", "camera.exposure_us=15.0")
+    assert run.finish() == 0, "".join(run.lines)
+    assert is_docked(run.results()), run.results()
+    assert any("exposure 60 µs after 15 µs" in line for line in run.lines)
+
+
 @pytest.mark.alone
 @pytest.mark.parametrize("victim", FOLLOWER)
 def test_a_killed_follower_process_stops_the_wheels_and_is_named(sim_run: Any, config: Config, victim: str) -> None:
