@@ -10,4 +10,6 @@ for robot in follower leader; do
   done
 done
 touch /tmp/ready
-exec sleep infinity
+trap 'exit 0' TERM
+sleep infinity &
+wait

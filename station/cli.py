@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,6 +15,9 @@ from common.node import DeviceError
 from common.processes import ONE_MACHINE, PROCESSES, process
 from station import cli_calibrate, cli_camera, cli_can, cli_experiment, cli_manual, cli_network
 from station.cli_options import ConfigOption, SetOption, numbers
+
+if TYPE_CHECKING:
+    from station.record import DockingRecord
 
 EXIT_NOT_DOCKED = 1
 EXIT_CONFIG = 2
@@ -59,13 +63,10 @@ def sim(
     """Dock one trolley with both robots, simulated. `davpc sim`"""
     from rich.console import Console
 
-    try:
-        from station import figures
-    except ModuleNotFoundError as error:
-        raise ConfigError(f"davpc sim draws pictures with {error.name}: pip install 'davpc[plot]'") from error
     from station import launcher, report
     from station.progress import live_progress
 
+    draw = _drawing(required=attach is None)
     console = Console(force_terminal=False if headless else None, highlight=False)
     chosen = list(overrides or [])
     if seed is not None:
@@ -94,12 +95,23 @@ def sim(
         "overrides": overrides or [],
     }
     results = report.write_results(record, cause, settings, out)
-    drawn = figures.draw_all(record, out)
+    drawn = draw(record, out)
     report.print_results(results, console)
     written = [out / "results.json", *drawn]
     console.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)
     if not results["connected"]:
         raise typer.Exit(EXIT_NOT_DOCKED)
+
+
+def _drawing(required: bool) -> Callable[[DockingRecord, Path], list[Path]]:
+    """What draws the pictures; nothing does, unless required, where matplotlib is not installed: on a robot."""
+    try:
+        from station import figures
+    except ModuleNotFoundError as error:
+        if required:
+            raise ConfigError(f"davpc sim draws pictures with {error.name}: pip install 'davpc[plot]'") from error
+        return lambda _record, _out: []
+    return figures.draw_all
 
 
 @app.command(epilog="Example:  davpc run follower-camera --runtime /run/davpc")

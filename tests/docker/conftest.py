@@ -6,9 +6,9 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -33,15 +33,54 @@ def missing() -> str:
     return "" if os.geteuid() == 0 else "a container engine of one's own needs root"
 
 
+class Group:
+    """Control group of all containers, with a weight that keeps them going beside whatever else the machine does.
+
+    A container gets no real-time scheduling; late loops stop a robot, and rightly so.
+    """
+
+    def __init__(self, name: str) -> None:
+        root = Path("/sys/fs/cgroup")
+        old = (root / "cpu").is_dir()
+        self._folders = [path / name for path in root.iterdir() if path.is_dir()] if old else [root / name]
+        cpu = root / "cpu" / name if old else root / name
+        cpu.mkdir()
+        weight, most = ("cpu.shares", 262_144) if old else ("cpu.weight", 10_000)
+        if (cpu / weight).exists():
+            (cpu / weight).write_text(str(most))
+
+    def remove(self) -> None:
+        """Remove it under every controller."""
+        for folder in self._folders:
+            if folder.is_dir():
+                until(partial(_removed, folder), 20)
+
+
+def _removed(folder: Path) -> bool:
+    try:
+        folder.rmdir()
+    except OSError:
+        return False
+    return True
+
+
 class Engine:
     """dockerd with everything of its in one folder; it leaves the host's firewall and routing alone."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self._group = Group(folder.name)
         self._log = (folder / "dockerd.log").open("wb")
         command = [DAEMON, "--data-root", str(folder / "root"), "--exec-root", str(folder / "exec")]
         command += ["--pidfile", str(folder / "pid"), "--host", f"unix://{folder}/sock", "--bridge", "none"]
-        command += ["--iptables=false", "--ip6tables=false", "--ip-masq=false", "--ip-forward=false"]
+        command += [
+            "--cgroup-parent",
+            f"/{folder.name}",
+            "--iptables=false",
+            "--ip6tables=false",
+            "--ip-masq=false",
+            "--ip-forward=false",
+        ]
         self._daemon = subprocess.Popen(command, stdout=self._log, stderr=self._log)
         self.environment = {**os.environ, "DOCKER_HOST": f"unix://{folder}/sock", "DOCKER_BUILDKIT": "0"}
         until(lambda: self._daemon.poll() is not None or self.answers(), 60)
@@ -63,6 +102,7 @@ class Engine:
         self._daemon.terminate()
         self._daemon.wait(timeout=60)
         self._log.close()
+        self._group.remove()
 
 
 def base_tar() -> Path:
@@ -89,11 +129,10 @@ def context(folder: Path) -> Path:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, folder / name)
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", "download", "--require-hashes"]
-    wheels = CACHE / "wheels"
-    wheels.mkdir(parents=True, exist_ok=True)
-    subprocess.run(
-        [*pip, "-r", "requirements.lock", "--find-links", str(wheels), "--dest", str(wheels)], cwd=ROOT, check=True
-    )
+    wheels = next((path for path in (ROOT / "out/wheels", CACHE / "wheels") if path.is_dir()), None)
+    if wheels is None:
+        wheels = CACHE / "wheels"
+        subprocess.run([ROOT / "deploy/install.sh", "wheels", wheels], check=True)
     shutil.copytree(wheels, folder / "docker/wheels", dirs_exist_ok=True)
     return folder
 
