@@ -17,6 +17,7 @@ from common.geometry import Array, Pose2, wrap_angle
 
 STEP_S = 1 / 240
 DRIFT_KNEE_M_S = 0.02
+STANDING_M_S = 1e-4  # wheels that roll a millimetre in ten seconds stand: friction holds them
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,8 @@ class Disturbances:
 
     ``load_gain`` and ``lag_s`` act on the wheels, so encoders see them; pads and ``yaw_bias_rad_s`` act between
     wheels and ground, so they do not. Drifts fade to zero below ``drift_knee_m_s``: nothing moves a robot that
-    stands. The knee is the world's own, lower than the one that the observer assumes; at 0 drifts act in full as
-    soon as the wheels turn.
+    stands. The knee is the world's own, observer and controller know of none; at 0 drifts act in full as soon as
+    the wheels turn, which is above ``STANDING_M_S``.
     """
 
     load_gain: float = 1.0
@@ -56,7 +57,7 @@ class Disturbances:
     def moving(self, v_m_s: float) -> float:
         """Share of the drifts that acts at a speed, 0 … 1."""
         if self.drift_knee_m_s == 0.0:
-            return float(v_m_s != 0.0)
+            return float(abs(v_m_s) > STANDING_M_S)
         return min(1.0, abs(v_m_s) / self.drift_knee_m_s)
 
 

@@ -8,13 +8,15 @@ solved by daqp, with soft rows for features that come near the edge of the image
 
 from __future__ import annotations
 
+import math
 from dataclasses import astuple
 
 import daqp
 import numpy as np
 
-from common.config import Config, ControllerConfig, LimitsConfig
+from common.config import Config, ControllerConfig, DockingConfig, LimitsConfig
 from common.geometry import Array, Pinhole, Pose2, feature_jacobian, features_at
+from follower.controller.drift import DriftStop, as_planned
 from follower.controller.interface import (
     Plan,
     PlanStatus,
@@ -25,7 +27,7 @@ from follower.controller.knots import KnotBasis
 from follower.controller.limits import possible_request, reachable_bounds
 from follower.controller.optimality import quadratic_residual
 from follower.controller.paper_nmpc import visibility_bounds
-from follower.controller.rollout import Rollout, roll_out
+from follower.controller.rollout import Rollout, features_along, roll_out
 from follower.controller.wheel_lag import wheel_response
 from follower.motion import NO_DISTURBANCE, MotionDisturbance
 
@@ -48,9 +50,15 @@ class RealtimeController:
         pinhole: Pinhole,
         controller: ControllerConfig,
         limits: LimitsConfig,
+        docking: DockingConfig,
         cold_steps: int = COLD_STEPS,
     ) -> None:
         config = controller.realtime
+        self._stop = DriftStop(
+            np.append(
+                np.full(2 * len(points_l), docking.feature_tolerance), math.radians(docking.heading_tolerance_deg)
+            )
+        )
         self._cold_steps = cold_steps
         self._points_l, self._camera = points_l, camera_xyz_m
         dv, dw = config.rate_limit
@@ -69,7 +77,7 @@ class RealtimeController:
         self._visible = visibility_bounds(pinhole, controller.visibility_margin_px, len(points_l))
         alpha, beta, theta = config.terminal_weight
         self._terminal_weight = np.append(np.tile([alpha, beta], len(points_l)), theta)
-        self._hessian = self._input_hessian(config.effort_weight, config.rate_weight)
+        self._hessian = self._knots.hessian(config.effort_weight, config.rate_weight)
         self._effort_weight, self._rate_weight = config.effort_weight, config.rate_weight
         rates = self._knots.rates()
         self._rate_rows = np.block([[rates, 0 * rates], [0 * rates, rates]])
@@ -95,6 +103,7 @@ class RealtimeController:
     def reset(self) -> None:
         """Forget the last solution."""
         self._warm = None
+        self._stop.reset()
 
     def solve(
         self,
@@ -115,8 +124,38 @@ class RealtimeController:
         sound = desired.size == self._terminal_weight.size and finite.all() and np.isfinite(desired).all()
         if not sound or not possible_request(caps, last_applied, self._limits):
             return failed_plan(PlanStatus.INVALID_INPUT, horizon, 3)
+        if self._arrived(pose, desired, disturbance):
+            return self._stand(pose, desired, last_applied)
+        return self._improve(pose, desired, last_applied, caps, disturbance, wheels or last_applied)
+
+    def _arrived(self, pose: Pose2, desired: Array, disturbance: MotionDisturbance) -> bool:
+        try:
+            error = self._outputs(pose) - desired
+        except ValueError:  # the goal lies behind
+            error = np.full(desired.size, np.inf)
+        return self._stop.update(error, disturbance)
+
+    def _stand(self, pose: Pose2, desired: Array, last_applied: tuple[float, float]) -> Plan:
+        """The plan that brakes and stays; the next one starts from it."""
+        self._warm = knots = self._braking(last_applied)
+        v, w = knots.reshape(2, -1) @ self._knots.basis.T
+        rolled = roll_out(pose, v, w, self._period_s, NO_DISTURBANCE)
+        return self._plan(rolled, knots, desired, last_applied, 0)
+
+    def _improve(
+        self,
+        pose: Pose2,
+        desired: Array,
+        last_applied: tuple[float, float],
+        caps: SpeedCaps,
+        observed: MotionDisturbance,
+        wheels: tuple[float, float],
+    ) -> Plan:
+        """Gauss–Newton steps from the last solution, or from none."""
+        horizon = self._knots.basis.shape[0]
         knots, steps = self._guess(last_applied)
-        free = np.outer(last_applied if wheels is None else wheels, self._lag_free)
+        free = np.outer(wheels, self._lag_free)
+        disturbance = as_planned(observed, wheels[0])
         lower, upper = self._bounds(caps, last_applied)
         iterations = 0
         for _ in range(steps):
@@ -139,13 +178,16 @@ class RealtimeController:
 
     def _guess(self, last_applied: tuple[float, float]) -> tuple[Array, int]:
         if self._warm is None:
-            steps = self._knots.knots + 1
-            rates = (self._limits.controller_dv_m_s, self._limits.controller_dw_rad_s)
-            braking = [
-                np.sign(u) * np.maximum(0.0, abs(u) - d * steps) for u, d in zip(last_applied, rates, strict=True)
-            ]
-            return np.concatenate(braking), self._cold_steps
+            return self._braking(last_applied), self._cold_steps
         return (self._knots.shift @ self._warm.reshape(2, -1).T).T.reshape(-1), 1
+
+    def _braking(self, last_applied: tuple[float, float]) -> Array:
+        """To standstill as fast as the rate limit allows, at the knots, (2m,)."""
+        steps = self._knots.knots + 1
+        rates = (self._limits.controller_dv_m_s, self._limits.controller_dw_rad_s)
+        return np.concatenate(
+            [np.sign(u) * np.maximum(0.0, abs(u) - d * steps) for u, d in zip(last_applied, rates, strict=True)]
+        )
 
     def _roll_out(self, pose: Pose2, knots: Array, free: Array, disturbance: MotionDisturbance) -> Rollout:
         v, w = knots.reshape(2, -1) @ self._wheel_basis.T + free
@@ -211,7 +253,7 @@ class RealtimeController:
         low, high = self._visible
         stages = self._watched
         poses = rolled.poses()[stages]
-        seen = _features_along(self._points_l, poses, self._camera)
+        seen = features_along(self._points_l, poses, self._camera)
         near = (seen < low + NEAR_EDGE) | (seen > high - NEAR_EDGE)
         rows, row_low, row_high = [np.empty((0, knots.size))], [np.empty(0)], [np.empty(0)]
         for i in np.flatnonzero(near.any(axis=1)):
@@ -234,15 +276,6 @@ class RealtimeController:
             lower[i], upper[i] = max(lower[i], last - step), min(upper[i], last + step)
         return lower, upper
 
-    def _input_hessian(self, effort: tuple[float, float], rate: tuple[float, float]) -> Array:
-        """Of the effort and of the change of the inputs, in the knots, (2m, 2m)."""
-        basis, differences = self._knots.basis, self._knots.differences()
-        blocks = [
-            2 * (r * basis.T @ basis + s * differences.T @ differences) for r, s in zip(effort, rate, strict=True)
-        ]
-        nothing = np.zeros_like(blocks[0])
-        return np.block([[blocks[0], nothing], [nothing, blocks[1]]])
-
     def _plan(
         self, rolled: Rollout, knots: Array, desired: Array, last_applied: tuple[float, float], iterations: int
     ) -> Plan:
@@ -261,24 +294,14 @@ class RealtimeController:
         return Plan(PlanStatus.SOLVED, v, w, cost, iterations, states)
 
 
-def _features_along(points_l: Array, poses: Array, camera_xyz_m: Array) -> Array:
-    """Features (k, 2n) from k poses.
-
-    Raises:
-        ValueError: a point lies behind the camera.
-    """
-    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
-    depth = poses[:, :1] - camera_xyz_m[0] + c * points_l[:, 0] - s * points_l[:, 1]
-    if np.any(depth <= 0):
-        raise ValueError("a point behind the camera has no image")
-    across = camera_xyz_m[1] - poses[:, 1:2] - s * points_l[:, 0] - c * points_l[:, 1]
-    seen = np.empty((len(poses), 2 * len(points_l)))
-    seen[:, 0::2], seen[:, 1::2] = across / depth, (camera_xyz_m[2] - points_l[:, 2]) / depth
-    return seen
-
-
 def make(config: Config, cold_steps: int = COLD_STEPS) -> RealtimeController:
     """The controller of a configuration; ``cold_steps`` are taken at most without a warm start."""
     return RealtimeController(
-        config.leds.points, config.camera.mount, config.camera.pinhole, config.controller, config.limits, cold_steps
+        config.leds.points,
+        config.camera.mount,
+        config.camera.pinhole,
+        config.controller,
+        config.limits,
+        config.docking,
+        cold_steps,
     )
