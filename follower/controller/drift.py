@@ -14,20 +14,22 @@ from common.geometry import Array
 from follower.controller.rollout import FADING_BELOW_M_S
 from follower.motion import MotionDisturbance, drifts, share_of_drift
 
+SLOW_M_S = 0.01
 STOP_SHARE, LEAVE_SHARE = 0.5, 1.0  # of the arrival's tolerance: where a drifting robot stops, and starts again
 
 
 def as_planned(disturbance: MotionDisturbance, v_m_s: float) -> MotionDisturbance:
     """What a plan expects of a disturbance that is observed at a speed.
 
-    The yaw as it is now. Sideways as far for each metre driven as now, if the speed is one at which drifts fade,
-    but at most as far as forwards.
+    The yaw as it is now. Sideways as far for each metre driven as now, if the speed is one at which drifts fade;
+    below ``SLOW_M_S``, where noise would be taken for a lever, less and less.
     """
-    share, fading = share_of_drift(v_m_s), min(1.0, abs(v_m_s) / FADING_BELOW_M_S)
-    sideways = share * disturbance.sideways_m_s / max(fading, 1e-3)
+    speed = abs(v_m_s)
+    fading = min(1.0, max(speed, SLOW_M_S) / FADING_BELOW_M_S)
+    sideways = disturbance.sideways_m_s * min(1.0, speed / SLOW_M_S) / fading
     return replace(
         disturbance,
-        yaw_rad_s=share * disturbance.yaw_rad_s,
+        yaw_rad_s=share_of_drift(v_m_s) * disturbance.yaw_rad_s,
         sideways_m_s=float(np.clip(sideways, -FADING_BELOW_M_S, FADING_BELOW_M_S)),
     )
 
