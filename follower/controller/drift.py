@@ -12,7 +12,7 @@ import numpy as np
 
 from common.geometry import Array
 from follower.controller.rollout import FADING_BELOW_M_S
-from follower.motion import MotionDisturbance, drifts, share_of_drift
+from follower.motion import MotionDisturbance, share_of_drift
 
 SLOW_M_S = 0.01
 STOP_SHARE, LEAVE_SHARE = 0.5, 1.0  # of the arrival's tolerance: where a drifting robot stops, and starts again
@@ -35,9 +35,9 @@ def as_planned(disturbance: MotionDisturbance, v_m_s: float) -> MotionDisturbanc
 
 
 class DriftStop:
-    """Whether to stand: arrived well, while every further move would carry the robot off again.
+    """Whether a robot that drifts stands: arrived well, while every further move would carry it off again.
 
-    A robot that does not drift creeps on to the goal itself.
+    One that does not drift creeps on to the goal itself.
 
     Args:
         tolerance: (2n+1,) of the arrival, for features and θ.
@@ -51,8 +51,8 @@ class DriftStop:
         """Begin anew."""
         self._standing = False
 
-    def update(self, error: Array, disturbance: MotionDisturbance) -> bool:
-        """From the error (2n+1,) of features and θ, and the disturbance as observed."""
+    def update(self, error: Array) -> bool:
+        """From the error (2n+1,) of features and θ."""
         share = LEAVE_SHARE if self._standing else STOP_SHARE
-        self._standing = drifts(disturbance) and bool(np.all(np.abs(error) < share * self._tolerance))
+        self._standing = bool(np.all(np.abs(error) < share * self._tolerance))
         return self._standing

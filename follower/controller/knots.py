@@ -37,6 +37,12 @@ class KnotBasis:
         nothing = np.zeros_like(blocks[0])
         return np.block([[blocks[0], nothing], [nothing, blocks[1]]])
 
+    def braking(self, last: tuple[float, float], steps: tuple[float, float]) -> Array:
+        """Two inputs brought from their ``last`` values to zero by at most ``steps`` a period, in the knots, (2m)."""
+        periods = self.knots + 1
+        slowed = [np.sign(u) * np.maximum(0.0, abs(u) - d * periods) for u, d in zip(last, steps, strict=True)]
+        return np.concatenate(slowed)
+
 
 def _interpolation(knots: Array, at: Array) -> Array:
     columns = [np.interp(at, knots, unit) for unit in np.eye(knots.size)]

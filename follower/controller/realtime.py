@@ -29,7 +29,7 @@ from follower.controller.optimality import quadratic_residual
 from follower.controller.paper_nmpc import visibility_bounds
 from follower.controller.rollout import Rollout, features_along, roll_out
 from follower.controller.wheel_lag import wheel_response
-from follower.motion import NO_DISTURBANCE, MotionDisturbance
+from follower.motion import NO_DISTURBANCE, MotionDisturbance, drifts
 
 COLD_STEPS = 5  # without a warm start; closed loop does the rest
 CONVERGED = 1e-5
@@ -69,6 +69,7 @@ class RealtimeController:
                 "controller_dw_rad_s": min(limits.controller_dw_rad_s, dw),
             }
         )
+        self._step_limits = self._limits.controller_dv_m_s, self._limits.controller_dw_rad_s
         self._period_s = controller.period_ms * 1e-3
         self._knots = KnotBasis(config.knots)
         self._size = len(config.knots)
@@ -81,12 +82,7 @@ class RealtimeController:
         self._effort_weight, self._rate_weight = config.effort_weight, config.rate_weight
         rates = self._knots.rates()
         self._rate_rows = np.block([[rates, 0 * rates], [0 * rates, rates]])
-        self._rate_bounds = np.concatenate(
-            [
-                self._knots.lengths * self._limits.controller_dv_m_s,
-                self._knots.lengths * self._limits.controller_dw_rad_s,
-            ]
-        )
+        self._rate_bounds = np.concatenate([self._knots.lengths * step for step in self._step_limits])
         self._watched = np.append(self._knots.knots[3:], config.horizon)
         self._soft = 1.0 / config.visibility_weight
         self._warm: Array | None = None
@@ -129,15 +125,18 @@ class RealtimeController:
         return self._improve(pose, desired, last_applied, caps, disturbance, wheels or last_applied)
 
     def _arrived(self, pose: Pose2, desired: Array, disturbance: MotionDisturbance) -> bool:
+        if not drifts(disturbance):
+            self._stop.reset()
+            return False
         try:
             error = self._outputs(pose) - desired
         except ValueError:  # the goal lies behind
             error = np.full(desired.size, np.inf)
-        return self._stop.update(error, disturbance)
+        return self._stop.update(error)
 
     def _stand(self, pose: Pose2, desired: Array, last_applied: tuple[float, float]) -> Plan:
         """The plan that brakes and stays; the next one starts from it."""
-        self._warm = knots = self._braking(last_applied)
+        self._warm = knots = self._knots.braking(last_applied, self._step_limits)
         v, w = knots.reshape(2, -1) @ self._knots.basis.T
         rolled = roll_out(pose, v, w, self._period_s, NO_DISTURBANCE)
         return self._plan(rolled, knots, desired, last_applied, 0)
@@ -178,16 +177,8 @@ class RealtimeController:
 
     def _guess(self, last_applied: tuple[float, float]) -> tuple[Array, int]:
         if self._warm is None:
-            return self._braking(last_applied), self._cold_steps
+            return self._knots.braking(last_applied, self._step_limits), self._cold_steps
         return (self._knots.shift @ self._warm.reshape(2, -1).T).T.reshape(-1), 1
-
-    def _braking(self, last_applied: tuple[float, float]) -> Array:
-        """To standstill as fast as the rate limit allows, at the knots, (2m,)."""
-        steps = self._knots.knots + 1
-        rates = (self._limits.controller_dv_m_s, self._limits.controller_dw_rad_s)
-        return np.concatenate(
-            [np.sign(u) * np.maximum(0.0, abs(u) - d * steps) for u, d in zip(last_applied, rates, strict=True)]
-        )
 
     def _roll_out(self, pose: Pose2, knots: Array, free: Array, disturbance: MotionDisturbance) -> Rollout:
         v, w = knots.reshape(2, -1) @ self._wheel_basis.T + free
@@ -271,8 +262,7 @@ class RealtimeController:
         reach = reachable_bounds(caps, last_applied, self._limits, self._knots.basis.shape[0])
         v_low, v_high, w_low, w_high = (bound[self._knots.knots] for bound in reach)
         lower, upper = np.concatenate([v_low, w_low]), np.concatenate([v_high, w_high])
-        steps = (self._limits.controller_dv_m_s, self._limits.controller_dw_rad_s)
-        for i, last, step in zip((0, self._size), last_applied, steps, strict=True):
+        for i, last, step in zip((0, self._size), last_applied, self._step_limits, strict=True):
             lower[i], upper[i] = max(lower[i], last - step), min(upper[i], last + step)
         return lower, upper
 
