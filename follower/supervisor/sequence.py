@@ -26,8 +26,10 @@ from follower.supervisor.reckoning import PoseReckoning
 from follower.supervisor.transitions import ENDED, FREE, IN_CONTACT, Event, next_phase
 
 _SILENT_NS = NS_PER_S // 4
-# what passes by itself: somebody was late
-REARMING_CAUSES: Final = frozenset({"command_age", "valid_until", "token_age", "status_age", "arm_setpoint_age"})
+# what passes by itself: somebody was late, the bridge too (its drives then stopped by their own watchdog, S1)
+REARMING_CAUSES: Final = frozenset(
+    {"command_age", "valid_until", "token_age", "status_age", "arm_setpoint_age", "bridge_stalled"}
+)
 _LOGIC: Final[dict[Phase, type[PhaseLogic]]] = {
     "staging": Staging,
     "acquire": Acquire,
