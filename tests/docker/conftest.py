@@ -128,7 +128,6 @@ def context(folder: Path) -> Path:
         if (ROOT / name).is_file():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, folder / name)
-    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", "download", "--require-hashes"]
     wheels = next((path for path in (ROOT / "out/wheels", CACHE / "wheels") if path.is_dir()), None)
     if wheels is None:
         wheels = CACHE / "wheels"
