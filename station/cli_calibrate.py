@@ -181,8 +181,7 @@ def _watched(kind: Board, robots: Config, path: Path, runtime: Path) -> tuple[li
 
 def _photographed(folder: Path, kind: Board) -> tuple[list[Array], tuple[int, int]]:
     """Corners of every image of the folder that shows the whole board, and the images' size."""
-    import cv2
-
+    from follower.camera.replay import read_grey
     from station.calibration import find_corners
 
     paths = sorted(path for path in folder.glob("*") if path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp"))
@@ -190,13 +189,13 @@ def _photographed(folder: Path, kind: Board) -> tuple[list[Array], tuple[int, in
         raise ConfigError(f"{folder}: no images (png, jpg, bmp) here")
     views, size = list[Array](), (0, 0)
     for path in paths:
-        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        image = read_grey(path)
         if image is None:
             raise ConfigError(f"{path}: not an image")
         if size not in ((0, 0), (image.shape[1], image.shape[0])):
             raise ConfigError(f"{path}: {image.shape[1]}×{image.shape[0]} px, the others {size[0]}×{size[1]}")
         size = (image.shape[1], image.shape[0])
-        corners = find_corners(np.asarray(image, np.uint8), kind)
+        corners = find_corners(image, kind)
         typer.echo(f"{path.name}: {'board found' if corners is not None else 'no whole board, left out'}")
         if corners is not None:
             views.append(corners)
