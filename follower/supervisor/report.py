@@ -18,8 +18,6 @@ from follower.supervisor.observed import Observed
 from follower.supervisor.transitions import ENDED
 
 SCHEMA = "attempt/1"
-# rules of the gate that hold the wheels without anything being wrong
-_BENIGN = frozenset({"", "not_armed", "not_enabled", "no_command"})
 _SERVOED: tuple[Phase, ...] = ("approach",)
 
 
@@ -34,7 +32,7 @@ class _Running:
     phases_s: dict[str, float] = field(default_factory=dict)
     rules: Counter[str] = field(default_factory=Counter)
     pauses: Counter[str] = field(default_factory=Counter)
-    rule: str = ""
+    intervened: int = 0
     waiting: str = ""
     set_before: tuple[float, float] | None = None
     arrival: dict[str, float] | None = None
@@ -80,14 +78,15 @@ class AttemptReport:
         running.set_before = None
 
     def _count_gate(self, running: _Running, drives: Drives | None) -> None:
+        """Interventions by the rules they were for; of several within one step all count for the last one's."""
         if drives is None:
             return
-        if running.interventions is None:
-            running.interventions = drives.gate_interventions
-        if drives.gate_rule != running.rule and drives.gate_rule not in _BENIGN:
-            running.rules[drives.gate_rule] += 1
-        running.rule = drives.gate_rule
-        running.rules["any"] = max(running.rules["any"], drives.gate_interventions - running.interventions)
+        if running.interventions is not None:
+            more = max(0, drives.gate_interventions - running.interventions)
+            for rule in drives.gate_intervened.split(",") if more else ():
+                running.rules[rule or "unnamed"] += more
+            running.intervened += more
+        running.interventions = drives.gate_interventions
 
     def _count_pause(self, running: _Running, waiting: str) -> None:
         if waiting and not running.waiting:
@@ -138,7 +137,7 @@ class AttemptReport:
             "arrival": running.arrival,
             "connected": running.connected,
             "margins": {name: round(value, 4) for name, value in running.margins.items()},
-            "gate": {"interventions": running.rules.pop("any", 0), "rules": dict(running.rules)},
+            "gate": {"interventions": running.intervened, "rules": dict(running.rules)},
             "retries": attempt.retries,
             "searches": attempt.searches,
             "pauses": dict(running.pauses),
