@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
-from common.causes import cause_code, needs_reset
+from common.causes import cause_code
 from common.channels import DOCKING_STATE
 from common.config import Config
 from common.geometry import wrap_angle
@@ -63,7 +63,7 @@ class AttemptReport:
         if phase not in ENDED:
             return None
         self._running = None
-        return self._record(running, seen.now_ns, phase, attempt, mission.cause)
+        return self._record(running, seen.now_ns, mission, attempt)
 
     def _change(self, running: _Running, seen: Observed, phase: Phase, attempt: Attempt) -> None:
         spent_s = (seen.now_ns - running.since_ns) / NS_PER_S
@@ -122,16 +122,16 @@ class AttemptReport:
     def _least(self, running: _Running, name: str, value: float) -> None:
         running.margins[name] = min(value, running.margins.get(name, math.inf))
 
-    def _record(self, running: _Running, now_ns: int, phase: Phase, attempt: Attempt, cause: str) -> dict[str, Any]:
+    def _record(self, running: _Running, now_ns: int, mission: Mission, attempt: Attempt) -> dict[str, Any]:
         return {
             "schema": SCHEMA,
             "trolley": attempt.trolley,
             "epoch": attempt.epoch,
             "method": self._config.controller.method,
-            "docked": phase == "done",
-            "cause": cause,
-            "code": cause_code(cause),
-            "needs_reset": phase == "aborted" and needs_reset(cause),
+            "docked": mission.phase == "done",
+            "cause": mission.cause,
+            "code": cause_code(mission.cause),
+            "needs_reset": mission.needs_reset,
             "duration_s": round((now_ns - running.begin_ns) / NS_PER_S, 3),
             "phases_s": running.phases_s,
             "arrival": running.arrival,

@@ -137,11 +137,16 @@ class DockingSequence:
     def _refusal(self, request: DockRequest, seen: Observed) -> str:
         if self._phase not in ENDED:
             return f"phase {self._phase} is under way"
-        if self._phase == "aborted" and needs_reset(self._cause):
+        if self._latched():
             return f"stopped by {self._cause}: reset first (davpc dock reset)"
         if self._taught is not None and request.trolley not in self._taught:
             return f"docking {request.trolley} is not taught (docking.taught_dir)"
         return seen.unfit
+
+    def _latched(self) -> bool:
+        """After S2, and after whatever ended it in contact: then the trolley still stands there, held."""
+        in_contact = self._attempt.contact_begin_m is not None
+        return self._phase == "aborted" and (in_contact or needs_reset(self._cause))
 
     def _begin(self, trolley: int, seen: Observed) -> None:
         grip = self._attempt.grip
@@ -220,7 +225,7 @@ class DockingSequence:
             push=orders.push,
             resets=self._resets,
             waiting=orders.waiting[:400],
-            needs_reset=self._phase == "aborted" and needs_reset(self._cause),
+            needs_reset=self._latched(),
             turn_rate_rad_s=orders.turn_rate_rad_s,
         )
 
@@ -238,5 +243,5 @@ class DockingSequence:
             moving=not still or (attempt.armed and orders.motion != "hold"),
             in_contact=held and (self._phase in IN_CONTACT or attempt.contact_begin_m is not None),
             gripped=seen.arms is not None and seen.arms.gripped,
-            needs_reset=self._phase == "aborted" and needs_reset(self._cause),
+            needs_reset=self._latched(),
         )

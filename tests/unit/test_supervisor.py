@@ -356,6 +356,16 @@ def test_in_contact_a_late_command_ends_the_docking(bench: Bench) -> None:
     assert (bench.sequence.phase, bench.mission.grip) == ("aborted", "closed")
 
 
+def test_what_ends_in_contact_waits_for_a_person(bench: Bench) -> None:
+    bench.to_push()
+    assert bench.ask("abort").outcome == "done"
+    assert bench.mission is not None
+    assert (bench.mission.cause, bench.mission.needs_reset) == ("operator_abort", True)
+    assert "reset first" in bench.ask("start").reason
+    assert bench.ask("reset").outcome == "done"
+    assert bench.ask("start").outcome == "accepted"
+
+
 def test_silent_drives_abort(bench: Bench) -> None:
     bench.to_approach()
     assert bench.run(0.4, drives=None) == "aborted"
