@@ -148,6 +148,7 @@ class DockingConfig(Section):
 
     goal_distance_m: Positive
     trolley_pitch_m: Positive
+    staging_distance_m: Annotated[float, Field(gt=0, le=5, description="behind goal K, where a trolley is taken up")]
     feature_tolerance: Positive
     heading_tolerance_deg: Positive
     settle_s: Positive
@@ -252,14 +253,30 @@ class SupervisorConfig(Section):
 
     approach_speed_m_s: Annotated[float, Field(gt=0, le=0.6)]
     last_metre_speed_m_s: Annotated[float, Field(gt=0, le=0.2)]
+    insert_speed_m_s: Annotated[float, Field(gt=0, le=0.05)]
     push_speed_m_s: Annotated[float, Field(gt=0, le=0.05)]
     push_limit_m: Positive
     retract_speed_m_s: Annotated[float, Field(gt=0, le=0.1)]
     retract_distance_m: Positive
+    manual_speed_m_s: Annotated[float, Field(gt=0, le=0.1, description="most that a person may ask for by hand")] = (
+        0.10
+    )
+    manual_turn_rad_s: Annotated[float, Field(gt=0, le=0.3)] = 0.30
     acquire_timeout_s: Positive
     approach_timeout_s: Positive
     lost_timeout_s: Positive
+    stall_timeout_s: Annotated[Positive, Field(description="of an approach that comes no nearer")]
     lock_timeout_s: Annotated[float, Field(gt=0, le=60)]
+    link_timeout_s: Annotated[float, Field(gt=0, le=60, description="for the Leader's word, in contact")]
+    trolley_wait_s: Annotated[float, Field(gt=0, description="standing, before the grippers close")]
+    grip_timeout_s: Positive
+    trolley_timeout_s: Positive
+    search_turn_deg: Annotated[float, Field(gt=0, le=45, description="to each side")]
+    search_rate_rad_s: Annotated[float, Field(gt=0, le=0.3)]
+    search_clearance_m: Annotated[float, Field(ge=0.3, description="to the goal, for turning with a trolley")]
+    reduced_speed_m_s: Annotated[float, Field(gt=0, le=0.1, description="while a LED is missing")]
+    reduced_sigma_m: Annotated[float, Field(gt=0, le=0.05, description="of e_y at the goal, with the LEDs left")]
+    push_visual_tolerance_m: Positive
 
 
 Degrees = tuple[float, float]
@@ -309,6 +326,17 @@ class ArmsConfig(Section):
         return self
 
 
+class HomingConfig(Section):
+    """How an axis with an incremental encoder finds its place (CiA 402 mode 6). Units: rad, or m for the lift."""
+
+    method: Annotated[int, Field(ge=-128, le=127, description="6098h, in the motor's direction")]
+    position: Annotated[float, Field(description="where the axis stands at its home")]
+    search_speed: Annotated[float, Field(gt=0, le=0.5, description="6099h:01, per second, towards the switch")]
+    zero_speed: Annotated[float, Field(gt=0, le=0.5, description="6099h:02, per second, away from it")]
+    acceleration: Annotated[float, Field(gt=0, le=5.0, description="609Ah, per second squared")]
+    timeout_s: Annotated[float, Field(gt=0, le=120)] = 30.0
+
+
 class DriveConfig(Section):
     """One CiA 402 drive on the bus."""
 
@@ -320,6 +348,13 @@ class DriveConfig(Section):
     rated_torque_n_m: Annotated[Positive, Field(description="of the motor, before the gear: 6076h")] = 0.5
     max_torque_permille: Annotated[int, Field(ge=0, le=3000, description="of the rated torque: 6072h")] = 1000
     serial: Annotated[int, Field(ge=0, lt=2**32, description="1018h:04; 0 takes any")] = 0
+    homing: Annotated[HomingConfig | None, Field(description="none: an absolute encoder, read at start")] = None
+
+    @model_validator(mode="after")
+    def _one_zero(self) -> DriveConfig:
+        if self.homing is not None and self.zero_counts:
+            raise ValueError("zero_counts is of an absolute encoder: with homing the position at home says it")
+        return self
 
 
 class BusConfig(Section):
@@ -345,6 +380,7 @@ class FollowerCanConfig(Section):
     grippers: Annotated[tuple[DriveConfig, ...], Field(min_length=2, max_length=2)]
     lift: DriveConfig
     io_node_id: Annotated[int, Field(ge=1, le=127)]
+    shadow: Annotated[bool, Field(description="never enable a drive; tell what would have been commanded")] = False
     watchdog_ms: Annotated[int, Field(ge=20, le=80)]
     wheel_ramp_m_s2: Annotated[float, Field(gt=0, le=1.0, description="the drives' own: 6083h to 6085h")]
     lift_lead_m: Annotated[Positive, Field(description="lift per turn of the lead screw")]
@@ -355,6 +391,12 @@ class FollowerCanConfig(Section):
     def drives(self) -> tuple[DriveConfig, ...]:
         """All eleven, in the order wheels, joints, grippers, lift."""
         return (self.left_wheel, self.right_wheel, *self.joints, *self.grippers, self.lift)
+
+    @model_validator(mode="after")
+    def _only_arms_are_homed(self) -> FollowerCanConfig:
+        if any(drive.homing is not None for drive in (self.left_wheel, self.right_wheel, *self.grippers)):
+            raise ValueError("homing is for joints and lift; wheels and grippers have none")
+        return self
 
     @model_validator(mode="after")
     def _ids_differ(self) -> FollowerCanConfig:
@@ -379,11 +421,14 @@ class LeaderCanConfig(Section):
 
 
 class LeaderConfig(Section):
-    """Guide and lock of the Leader."""
+    """Guide, lock and LED driver of the Leader."""
 
     lock_travel_timeout_s: Positive
     actuator_current_limit_a: Positive
     led_current_tolerance_a: Positive
+    led_rated_current_a: Annotated[Positive, Field(description="that an LED bears for ever")]
+    led_max_current_a: Annotated[float, Field(gt=0, le=5, description="that may be asked for")]
+    led_thermal_s: Annotated[Positive, Field(description="time constant of an LED's heat")]
 
 
 class BaseConfig(Section):
@@ -394,9 +439,61 @@ class BaseConfig(Section):
     latency_ms: NonNegative
 
 
-class Config(Section):
-    """Everything that both robots read. ``world`` belongs to the simulated backend, which checks it itself."""
+DEFAULT_NAMESPACE = "davpc"
+CertificateName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9.-]{0,62}$")]
+NetworkAddress = Annotated[str, Field(pattern=r"^quic/(\[[0-9a-f:]+\]|[A-Za-z0-9.-]+):[0-9]{1,5}$")]
 
+
+class GatewayConfig(Section):
+    """One robot's gateway: the common name of its certificate, and its addresses, as ``quic/host:port``."""
+
+    certificate: CertificateName
+    listen: tuple[NetworkAddress, ...] = ()
+    connect: tuple[NetworkAddress, ...] = ()
+
+
+class NetworkConfig(Section):
+    """What crosses between the robots, and whom their gateways let in.
+
+    ``namespace`` is this pair's on the site's network. ``credentials`` holds ``ca.pem`` and, for each certificate,
+    ``NAME.pem`` and ``NAME.key``. ``site_router`` is its certificate if both robots connect to one, instead of to
+    each other. ``operators`` are certificates that may watch, and change nothing.
+    """
+
+    namespace: Annotated[str, Field(pattern=r"^[a-z0-9_-]+(/[a-z0-9_-]+)*$")] = DEFAULT_NAMESPACE
+    credentials: str = "/etc/davpc/pki"
+    max_message_bytes: Annotated[int, Field(ge=4096, le=1_048_576)] = 65_536
+    follower: GatewayConfig = GatewayConfig(
+        certificate="follower", listen=("quic/0.0.0.0:7447",), connect=("quic/leader:7447",)
+    )
+    leader: GatewayConfig = GatewayConfig(
+        certificate="leader", listen=("quic/0.0.0.0:7447",), connect=("quic/follower:7447",)
+    )
+    site_router: CertificateName | None = None
+    operators: tuple[CertificateName, ...] = ()
+
+    def of(self, robot: Literal["follower", "leader"]) -> GatewayConfig:
+        """The gateway of one of the two."""
+        return self.follower if robot == "follower" else self.leader
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> NetworkConfig:
+        names = [self.follower.certificate, self.leader.certificate, *self.operators]
+        names += [self.site_router] if self.site_router else []
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"certificate {twice[0]!r} is given twice: each has its own rights")
+        return self
+
+
+class Config(Section):
+    """Everything that both robots read. ``world`` belongs to the simulated backend, which checks it itself.
+
+    ``state_directory`` is where a robot keeps what outlives its processes: the queue's count, reports of attempts;
+    empty: systemd's, or the runtime directory.
+    """
+
+    state_directory: str = ""
     base: BaseConfig
     camera: CameraConfig
     leds: LedsConfig
@@ -409,6 +506,7 @@ class Config(Section):
     follower_can: FollowerCanConfig
     leader_can: LeaderCanConfig
     leader: LeaderConfig
+    network: NetworkConfig = NetworkConfig()
     world: dict[str, Any] = {}
 
     @model_validator(mode="after")
@@ -418,6 +516,8 @@ class Config(Section):
             raise ValueError("supervisor.approach_speed_m_s is more than limits.v_max_m_s")
         if phases.retract_speed_m_s > -limits.v_min_m_s:
             raise ValueError("supervisor.retract_speed_m_s is more than limits.v_min_m_s allows backwards")
+        if not self.leds.current_a <= self.leader.led_rated_current_a <= self.leader.led_max_current_a:
+            raise ValueError("leds.current_a ≤ leader.led_rated_current_a ≤ leader.led_max_current_a does not hold")
         if phases.push_limit_m <= self.docking.push_stroke_m:
             raise ValueError("supervisor.push_limit_m must be more than docking.push_stroke_m")
         if self.controller.method == "paper" and self.controller.solver == "gauss_newton":

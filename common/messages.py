@@ -27,17 +27,35 @@ Torque = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Text = Annotated[str, Field(max_length=400)]
 Point2 = tuple[float, float]
 
-Phase = Literal["idle", "acquire", "approach", "push", "lock", "release", "retract", "done", "aborted"]
-PHASES: tuple[Phase, ...] = (
+Phase = Literal[
     "idle",
+    "staging",
     "acquire",
+    "search",
     "approach",
+    "insert",
     "push",
     "lock",
     "release",
     "retract",
     "done",
     "aborted",
+    "manual",
+]
+PHASES: tuple[Phase, ...] = (
+    "idle",
+    "staging",
+    "acquire",
+    "search",
+    "approach",
+    "insert",
+    "push",
+    "lock",
+    "release",
+    "retract",
+    "done",
+    "aborted",
+    "manual",
 )
 Method = Literal["paper", "davpc"]
 StateCause = Literal[
@@ -146,26 +164,34 @@ class Mission:
     """What the supervisor wants of the Follower's processes; while ``armed`` it is the arm token.
 
     ``motion`` tells the controller: ``servo`` to the desired features, ``straight`` at ``straight_speed_m_s``,
-    or ``hold``. The caps may only lower the configured limits. ``resets`` counts a person's requests to acknowledge
-    faults; the bridge acts on a change while it is disarmed.
+    ``turn`` in place at ``turn_rate_rad_s``, or ``hold``. The caps may only lower the configured limits. ``resets``
+    counts a person's requests to acknowledge faults; the bridge acts on a change while it is disarmed. ``cause`` is
+    why the docking ended (see :mod:`common.causes`), ``waiting`` what it waits for while it goes on;
+    ``needs_reset``: nothing begins before a person has reset it. In phase ``manual`` a
+    person's station commands the wheels: the arms stay where they are, the fingers do as ``grip`` says and the lift
+    goes to ``lift_m``, if any.
     """
 
-    SCHEMA: ClassVar[str] = "mission/1"
+    SCHEMA: ClassVar[str] = "mission/2"
     phase: Phase
     cause: Text
     trolley: Annotated[int, Field(ge=1, le=99)]
     method: Method
     epoch: Count
     armed: bool
-    motion: Literal["hold", "servo", "straight"]
+    motion: Literal["hold", "servo", "straight", "turn"]
     straight_speed_m_s: Speed
     v_max_m_s: Annotated[float, Field(ge=0, le=1)]
     w_max_rad_s: Annotated[float, Field(ge=0, le=2)]
     goal_theta_rad: Angle
     desired_features: Annotated[tuple[Point2, ...], Field(max_length=12)]
-    grip: Literal["open", "closed"]
+    grip: Literal["open", "closed", "stay"]
     push: bool
     resets: Count
+    waiting: Text = ""
+    needs_reset: bool = False
+    turn_rate_rad_s: Annotated[float, Field(ge=-2, le=2)] = 0.0
+    lift_m: Annotated[float, Field(ge=0, le=2)] | None = None
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -243,10 +269,11 @@ class Drives:
     """What the bus says, and what the gate let through to it.
 
     ``v_set``/``w_set`` are what was last sent; ``command_sequence`` is the last command that was accepted and
-    ``image_to_can_ns`` the time from its image's capture to its first frame on the bus.
+    ``image_to_can_ns`` the time from its image's capture to its first frame on the bus. In ``shadow`` the drives are
+    never enabled: ``state`` and what is set are as if they were, what is measured is measured.
     """
 
-    SCHEMA: ClassVar[str] = "drives/1"
+    SCHEMA: ClassVar[str] = "drives/2"
     state: Literal["starting", "disarmed", "enabling", "armed", "stopped", "fault"]
     cause: Text
     epoch: Count
@@ -266,13 +293,38 @@ class Drives:
     image_to_can_ns: Count
     gate_rule: Text
     gate_interventions: Count
+    shadow: bool = False
+
+
+@dataclass(frozen=True, config=STRICT)
+class FollowerSummary:
+    """What others may know of the Follower: it leaves the robot, for the Leader's interlock and for people.
+
+    ``moving``: its wheels turn, or may be told to; ``in_contact``: it pushes against guide or queue, or holds a
+    trolley there that is not known to be locked.
+    """
+
+    SCHEMA: ClassVar[str] = "follower_summary/1"
+    phase: Phase
+    cause: Text
+    waiting: Text
+    trolley: Annotated[int, Field(ge=1, le=99)]
+    armed: bool
+    moving: bool
+    in_contact: bool
+    gripped: bool
+    needs_reset: bool
 
 
 @dataclass(frozen=True, config=STRICT)
 class LeaderState:
-    """LED array, guide, lock and queue of the Leader; its publication is the Leader's heartbeat."""
+    """LED array, guide, lock and queue of the Leader; its publication is the Leader's heartbeat.
 
-    SCHEMA: ClassVar[str] = "leader_state/1"
+    ``queue`` is how many trolleys are locked, None where the Leader does not know: a person has to say.
+    ``led_setpoint_a`` is what the LEDs are told, less than asked for while ``led_derated``.
+    """
+
+    SCHEMA: ClassVar[str] = "leader_state/2"
     ready: bool
     cause: Text
     led_current_a: Annotated[tuple[float, ...], Field(max_length=12)]
@@ -280,7 +332,18 @@ class LeaderState:
     guide: GuideState
     lock: LockState
     actuator_current_a: Annotated[float, Field(ge=0, le=100)]
-    queue: Count
+    queue: Count | None
+    led_setpoint_a: Annotated[tuple[float, ...], Field(max_length=12)] = ()
+    led_derated: bool = False
+
+
+@dataclass(frozen=True, config=STRICT)
+class GatewayState:
+    """A robot's gateway: whether it hears the other robot's, and for how long its certificate is still good."""
+
+    SCHEMA: ClassVar[str] = "gateway_state/1"
+    linked: bool
+    certificate_left_s: float
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -308,14 +371,47 @@ class DockRequest:
 
 
 @dataclass(frozen=True, config=STRICT)
-class LockRequest:
-    """The supervisor asks the Leader. ``valid_for_ms`` counts from receipt: clocks of two robots never meet."""
+class ManualRequest:
+    """A person wants to move the robot by hand: ``start`` arms the phase ``manual``, ``stop`` ends it.
 
-    SCHEMA: ClassVar[str] = "lock_request/1"
+    It lasts only while commands of its epoch keep coming from whoever asked. ``lift_m`` None leaves the lift.
+    """
+
+    SCHEMA: ClassVar[str] = "manual_request/1"
+    id: Text
+    expires_ns: Ns
+    action: Literal["start", "stop"]
+    grip: Literal["open", "closed", "stay"] = "stay"
+    lift_m: Annotated[float, Field(ge=0, le=1)] | None = None
+
+
+@dataclass(frozen=True, config=STRICT)
+class LockRequest:
+    """The supervisor or a person asks the Leader.
+
+    ``valid_for_ms`` counts from receipt: clocks of two robots never meet.
+    ``lock`` closes behind trolley 1, ``confirm`` asks whether the lock still holds now that ``trolley`` stands in the
+    queue, ``unlock`` lets a queue go and must be ``confirmed`` by a person, ``reset`` clears a lock fault, ``count``
+    says that ``trolley`` trolleys stand in the queue (0: none).
+    """
+
+    SCHEMA: ClassVar[str] = "lock_request/2"
     id: Text
     valid_for_ms: Annotated[int, Field(ge=1, le=60_000)]
-    action: Literal["lock", "unlock"]
-    trolley: Annotated[int, Field(ge=1, le=99)] = 1
+    action: Literal["lock", "confirm", "unlock", "reset", "count"]
+    trolley: Annotated[int, Field(ge=0, le=99)] = 1
+    confirmed: bool = False
+
+
+@dataclass(frozen=True, config=STRICT)
+class LedRequest:
+    """A person sets the current of one LED, or of all; 0 is off, None the configured current."""
+
+    SCHEMA: ClassVar[str] = "led_request/1"
+    id: Text
+    valid_for_ms: Annotated[int, Field(ge=1, le=60_000)]
+    led: Annotated[int, Field(ge=0, lt=12)] | None
+    current_a: Annotated[float, Field(ge=0, le=5)] | None
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from common.frame_ring import Image
 from common.frame_source import Capture
 from common.geometry import Pose2
@@ -14,7 +16,10 @@ from sim.world_message import WORLD
 
 
 class SimulatedFrameSource:
-    """A frame source whose light is computed; exposure and gain come from the configuration."""
+    """A frame source whose light is computed; exposure and gain come from the configuration.
+
+    Another exposure makes the light stronger or weaker; its motion blur stays that of the configured one.
+    """
 
     trigger = Trigger(wakes=(WORLD,))
     inputs = (WORLD,)
@@ -23,7 +28,8 @@ class SimulatedFrameSource:
         self._camera = context.config.camera
         world = world_config(context.config, str(context.config_path))
         self._optics = Optics(self._camera, context.config.leds, world.seed)
-        self._scene = named_scene(world.scene, world.seed)
+        self._scene = self._named = named_scene(world.scene, world.seed)
+        self._exposure_us = self._camera.exposure_us
 
     def open(self) -> None:
         """Nothing to open."""
@@ -47,7 +53,12 @@ class SimulatedFrameSource:
             self._scene,
         )
         self._optics.render(image, view)
-        return Capture(world.time_ns, self._camera.exposure_us, self._camera.gain, "simulated")
+        return Capture(world.time_ns, self._exposure_us, self._camera.gain, "simulated")
+
+    def expose(self, exposure_us: float) -> None:
+        """From the next frame on."""
+        factor = self._named.exposure_factor * exposure_us / self._camera.exposure_us
+        self._scene, self._exposure_us = replace(self._named, exposure_factor=factor), exposure_us
 
     def close(self) -> None:
         """Nothing to close."""

@@ -99,6 +99,7 @@ def sweep(
 def perception(
     seeds: Annotated[int, typer.Option(min=1, help="approaches per scene")] = 20,
     scenes: Annotated[str, typer.Option(help="comma-separated; all when empty")] = "",
+    jobs: JobsOption = CORES,
     out: Path = Path("out/perception"),
     config: ConfigOption = None,
     overrides: SetOption = None,
@@ -106,14 +107,18 @@ def perception(
     """Hard scenes: losses, wrong LEDs, false locks, and both routes to the pose beside the bound."""
     from experiments import perception as module
 
-    module.run(out, loaded(config, overrides), seeds, names(scenes, tuple(module.SCENES), "scene"))
+    chosen = names(scenes, tuple(module.SCENES), "scene")
+    module.run(out, loaded(config, overrides), seeds, chosen, jobs=jobs)
     _show(out)
 
 
 @experiment.command("stop-times", epilog="Example:  davpc experiment stop-times --trials 100")
 def stop_times(
-    trials: Annotated[int, typer.Option(min=1)] = 100,
-    stalls: Annotated[int, typer.Option(min=0)] = 50,
+    trials: Annotated[
+        int,
+        typer.Option(min=1, help="of each fault of the controller; half of the bridge's, three tenths of others'"),
+    ] = 100,
+    stalls: Annotated[int, typer.Option(min=0, help="of controller or bridge, 0.2 to 10 s")] = 50,
     seed: SeedOption = 1,
     out: Path = Path("out/stop-times"),
     config: ConfigOption = None,

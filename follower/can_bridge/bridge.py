@@ -17,8 +17,10 @@ from follower.can_bridge.measurement import DriveSetpoint, Measurement
 State = Literal["starting", "disarmed", "enabling", "armed", "stopped", "fault"]
 # rules that hold wheels or arms without anything being wrong
 BENIGN_RULES = frozenset({"", "not_armed", "not_enabled", "no_command", "arm_epoch"})
+STALLED = "bridge_stalled"
 _STANDSTILL_M_S = 0.005
 _DISABLE_NS = NS_PER_S // 2
+_FIRST_COMMAND_NS = 2 * NS_PER_S
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,9 @@ class Orders:
 class Bridge:
     """Pure: one :meth:`step` per cycle, before the exchange that carries its orders out.
 
-    A rule of the gate that is not benign stops the motion and disarms until the supervisor begins a new epoch.
+    A rule of the gate that is not benign stops the motion and disarms until the supervisor begins a new epoch. So
+    does a stall of the bridge itself, which the drives' watchdogs noticed: cause ``bridge_stalled``. What these
+    latched is released at standstill only, by power off; a new epoch waits for that in ``enabling``.
     """
 
     def __init__(self, config: Config, boot_id: str) -> None:
@@ -53,8 +57,9 @@ class Bridge:
         self._arm_gate = ArmGate(config.follower_can, boot_id)
         self._stopped_epoch = -1
         self._still_since_ns: int | None = None
+        self._uncommanded_since_ns = 0
         self._last_intervention: tuple[str, ...] = ()
-        self._was_armed = False
+        self._was_armed = self._was_stalled = False
         self._resets: int | None = None
         self.state: State = "starting"
         self.cause = ""
@@ -109,9 +114,14 @@ class Bridge:
         self, heard: Heard, measured: Measurement, decision: Decision, arms: ArmDecision, wanted: bool
     ) -> None:
         """The arming state, from what holds now."""
+        stalls, self._was_stalled = bool(measured.stalled) and not self._was_stalled, bool(measured.stalled)
         if measured.faults or not measured.bus_ok:
             self.state = "fault"
             self.cause = measured.faults[0] if measured.faults else "bus lost"
+            if wanted:
+                self._stopped_epoch = self.epoch
+        elif stalls:
+            self.state, self.cause = "stopped", STALLED
             if wanted:
                 self._stopped_epoch = self.epoch
         elif not wanted:
@@ -121,17 +131,27 @@ class Bridge:
             else:
                 self.state, self.cause = "disarmed", ""
         elif measured.wheels_enabled and measured.arms_enabled:
+            if self.state != "armed":
+                self._uncommanded_since_ns = heard.now_ns
             self._was_armed = True
             self.state, self.cause = "armed", ""
-            reason = decision.rule if decision.rule not in BENIGN_RULES else arms.rule
-            if reason not in BENIGN_RULES:
+            reason = self._reason(heard.now_ns, decision.rule, arms.rule)
+            if reason:
                 self.state, self.cause = "stopped", reason
                 self._stopped_epoch = self.epoch
         else:
             self.state, self.cause = "enabling", ""
 
+    def _reason(self, now_ns: int, rule: str, arm_rule: str) -> str:
+        """Why an armed robot has to be stopped, or "": also when nobody who commands reaches this process."""
+        if rule != "no_command":
+            self._uncommanded_since_ns = now_ns
+        elif now_ns - self._uncommanded_since_ns > _FIRST_COMMAND_NS:
+            return rule
+        return next((name for name in (rule, arm_rule) if name not in BENIGN_RULES), "")
+
     def _power(self, now_ns: int, measured: Measurement) -> Literal["enable", "stop_arms", "disable"] | None:
-        if self.state in ("enabling", "armed"):
+        if self.state in ("enabling", "armed") and not measured.stalled:
             self._still_since_ns = None
             return "enable"
         v, _ = twist_from_wheels(self._config.base, measured.wheel_speed_rad_s)

@@ -112,8 +112,8 @@ class RelativeObserver:
         Args:
             features: (n, 2) normalised coordinates, NaN for what was not seen.
             sigma_normalised: standard deviation of one coordinate.
-            heading: a measurement of θ_L^F and its standard deviation [rad], if there is one that does not come
-                from the same features.
+            heading: a measurement of θ_L^F and its standard deviation [rad]; θ is then taken from it, and the
+                features, which it may have come from, correct the place alone. None: θ from the features too.
 
         Returns:
             (n,) whether each point was used by the likeliest history; not those unseen or outside its gate.
@@ -132,6 +132,8 @@ class RelativeObserver:
         if not used.all():
             rows = np.concatenate([used, used], axis=1)
             residual, slopes = residual * rows, slopes * rows[:, :, None]
+        if heading is not None:
+            slopes[:, :, 2] = 0.0  # θ comes from there alone
         information = slopes.swapaxes(1, 2) @ slopes
         vector = (residual[:, None] @ slopes)[:, 0]
         chi2 = (residual * residual).sum(axis=1) + refused_chi2

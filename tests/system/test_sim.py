@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from common.config import Config
-from common.processes import PROCESSES
+from common.processes import ONE_MACHINE
 from tests.system.conftest import CanTap, repeated_after_host_stall, until
 
-FOLLOWER = [process.name for process in PROCESSES if process.robot == "follower"]
+FOLLOWER = [process.name for process in ONE_MACHINE if process.robot == "follower"]
 START = ("--start", "3,0.15,3")
 
 
@@ -40,7 +40,7 @@ def test_a_docking_with_every_process(sim_run: Any) -> None:
     run = sim_run(*START, "--seed", "3")
     run.wait_for("approach")
     children, runtime = run.children(), run.runtime()
-    assert set(children) == {process.name for process in PROCESSES}
+    assert set(children) == {process.name for process in ONE_MACHINE}
     assert runtime.stat().st_mode & 0o777 == 0o700
     assert run.finish() == 0, "".join(run.lines)
     results = run.results()
@@ -60,6 +60,19 @@ def test_stepped_dockings_are_bit_identical(sim_run: Any) -> None:
     assert is_docked(first.results()), first.results()
     assert (first.out / "results.json").read_bytes() == (second.out / "results.json").read_bytes()
     assert (first.out / "camera_frame.png").read_bytes() == (second.out / "camera_frame.png").read_bytes()
+
+
+def test_the_papers_estimator_docks_too(sim_run: Any) -> None:
+    run = sim_run("--stepped", "--start", "2.4,0.08,2", "--set", "estimator.method='paper'")
+    assert run.finish() == 0, "".join(run.lines)
+    assert is_docked(run.results()), run.results()
+
+
+def test_an_exposure_too_short_is_mended_by_the_retry(sim_run: Any) -> None:
+    run = sim_run("--stepped", "--start", "4.5,0.1,2", "--set", "camera.exposure_us=15.0")
+    assert run.finish() == 0, "".join(run.lines)
+    assert is_docked(run.results()), run.results()
+    assert any("exposure 60 µs after 15 µs" in line for line in run.lines)
 
 
 @pytest.mark.alone
@@ -130,6 +143,7 @@ def test_a_killed_launcher_takes_its_processes_with_it(sim_run: Any) -> None:
         (("--start", "6,1"), "write 3 numbers"),
         (("--start", "1.2,0,0"), "would stand in the Leader"),
         (("--out", "/proc/nope"), "--out /proc/nope"),
+        (("--attach", "/proc/nope"), "--attach /proc/nope: no robot runs here"),
         (("--set", "supervisor.approach_speed_m_s=5.0"), "supervisor.approach_speed_m_s"),
         (("--set", "camera.rate_hz=20.0"), "three frame periods"),
     ],
