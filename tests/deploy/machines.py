@@ -179,7 +179,8 @@ class Machine:
     def cut_power(self) -> None:
         """Everything on it ends at once."""
         assert self._nspawn is not None
-        os.kill(self.pid or self._nspawn.pid, signal.SIGKILL)
+        for pid in [self.pid] if self.pid else self._everybody():
+            os.kill(pid, signal.SIGKILL)
         self._nspawn.wait()
         self._nspawn, self.pid = None, 0
 
@@ -194,6 +195,11 @@ class Machine:
                     path.rmdir()
             if cgroup.is_dir():
                 cgroup.rmdir()
+
+    def _everybody(self) -> list[int]:
+        """All its processes, nspawn among them: for a machine that did not come so far as to have a first one."""
+        lists = [path.read_text().split() for path in self._cgroups[0].rglob("cgroup.procs")]
+        return [int(pid) for pids in lists for pid in pids]
 
     def _enter_cgroup(self) -> None:
         for cgroup in self._cgroups:
