@@ -13,7 +13,16 @@ import typer
 from common.config import ConfigError, default_config_path
 from common.node import DeviceError
 from common.processes import ONE_MACHINE, PROCESSES, process
-from station import cli_calibrate, cli_camera, cli_can, cli_experiment, cli_manual, cli_network
+from station import (
+    cli_calibrate,
+    cli_camera,
+    cli_can,
+    cli_dock,
+    cli_experiment,
+    cli_leader,
+    cli_manual,
+    cli_network,
+)
 from station.cli_options import ConfigOption, SetOption, numbers
 
 if TYPE_CHECKING:
@@ -151,6 +160,9 @@ app.command(epilog="Example:  davpc teach 1 --runtime /run/davpc")(cli_camera.te
 app.command(epilog="Example:  davpc jog --speed 0.05 --seconds 2")(cli_manual.jog)
 app.command(epilog="Example:  davpc grip close")(cli_manual.grip)
 app.command(epilog="Example:  davpc lift 200")(cli_manual.lift)
+app.add_typer(cli_dock.dock, name="dock")
+app.add_typer(cli_leader.led, name="led")
+app.add_typer(cli_leader.lock, name="lock")
 app.add_typer(cli_camera.camera, name="camera")
 app.add_typer(cli_calibrate.calibrate, name="calibrate")
 app.add_typer(cli_can.can, name="can")
