@@ -12,7 +12,7 @@ import typer
 from common.config import ConfigError, default_config_path
 from common.node import DeviceError
 from common.processes import ONE_MACHINE, PROCESSES, process
-from station import cli_calibrate, cli_camera, cli_can, cli_experiment, cli_manual, cli_network
+from station import cli_calibrate, cli_camera, cli_can, cli_doctor, cli_experiment, cli_manual, cli_network
 from station.cli_options import ConfigOption, SetOption, numbers
 
 EXIT_NOT_DOCKED = 1
@@ -129,6 +129,7 @@ def processes() -> None:
         typer.echo(f"{entry.name:20s} {entry.robot:9s} FIFO {entry.priority}  {when:36s} {entry.purpose}")
 
 
+app.command(epilog="Example:  sudo davpc doctor --robot follower")(cli_doctor.doctor)
 app.command(epilog="Example:  davpc teach 1 --runtime /run/davpc")(cli_camera.teach)
 app.command(epilog="Example:  davpc jog --speed 0.05 --seconds 2")(cli_manual.jog)
 app.command(epilog="Example:  davpc grip close")(cli_manual.grip)
