@@ -16,6 +16,7 @@ from common.node import DeviceError
 
 Status = Literal["ok", "warning", "failed", "skipped"]
 T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
 LOOKING = "doctor-look"
 
 
@@ -54,10 +55,10 @@ def skipped(check: str, because: str, remedy: str = "") -> Finding:
 
 
 @dataclass(frozen=True)
-class Seen(Generic[T]):
+class Seen(Generic[T_co]):
     """What a probe brought back: a value, or in one line why there is none."""
 
-    value: T | None = None
+    value: T_co | None = None
     why: str = ""
 
 

@@ -75,7 +75,7 @@ def interview(bus_config: BusConfig, master_id: int, nodes: Sequence[ExpectedNod
     """
     bus = CanBus(bus_config)
     try:
-        if _has_master(bus, master_id):
+        if has_master(bus, master_id):
             return None
         return [_ask(bus, node) for node in nodes]
     finally:
@@ -92,7 +92,7 @@ def is_there(bus_config: BusConfig) -> bool:
     return True
 
 
-def _has_master(bus: CanBus, master_id: int) -> bool:
+def has_master(bus: CanBus, master_id: int) -> bool:
     """Whether somebody sends SYNC or the master's heartbeat; a bridge does so every 10 or 20 ms."""
     end_s = time.monotonic() + _LISTEN_S
     while (left_s := end_s - time.monotonic()) > 0 and (frame := bus.wait(left_s)) is not None:
