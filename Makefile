@@ -44,8 +44,8 @@ mutate: $(READY) ## Mutation test of the gate: its tests must notice every chang
 	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/gate.py tests/unit/test_gate.py
 	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/wheel_watch.py tests/unit/test_wheel_watch.py
 
-prove: $(READY) ## The gate's invariants over a million random steps, a million mutated CAN frames
-	@GATE_STEPS=1000000 FUZZ_FRAMES=1000000 $(VENV)/bin/python -m pytest -q --timeout 1200 tests/unit/test_gate_properties.py tests/unit/test_canopen_fuzz.py
+prove: $(READY) ## A million random steps of the gate, mutated CAN frames, events of both state machines
+	@GATE_STEPS=1000000 FUZZ_FRAMES=1000000 MACHINE_EVENTS=1000000 $(VENV)/bin/python -m pytest -q --timeout 1200 tests/unit/test_gate_properties.py tests/unit/test_canopen_fuzz.py tests/unit/test_machine_properties.py
 
 LOCK = uv pip compile --universal --generate-hashes --no-header --no-annotate --python-version 3.11 --no-emit-package davpc
 

@@ -12,10 +12,12 @@ from common.messages import (
     DockingState,
     DockRequest,
     Drives,
+    FollowerSummary,
     Frame,
     GatewayState,
     Health,
     LeaderState,
+    LedRequest,
     LockRequest,
     ManualRequest,
     Message,
@@ -56,12 +58,14 @@ COMMAND = Channel("follower/motion/command", Command, "follower-controller", 20,
 ARM_SETPOINT = Channel("follower/motion/arm_setpoint", ArmSetpoint, "follower-arms", 100, 100)
 ARM_STATE = Channel("follower/state/arms", ArmState, "follower-arms", 100, 100)
 DRIVES = Channel("follower/state/drives", Drives, "follower-can-bridge", 100, 50)
+FOLLOWER_SUMMARY = Channel("follower/state/summary", FollowerSummary, "follower-supervisor", 10, 500, reach="pair")
 LEADER_STATE = Channel("leader/state", LeaderState, "leader", 10, 500, reach="pair")
 FOLLOWER_GATEWAY = Channel("follower/gateway/state", GatewayState, "follower-gateway", 2, 2000)
 LEADER_GATEWAY = Channel("leader/gateway/state", GatewayState, "leader-gateway", 2, 2000)
 DOCK_REQUEST = Channel("follower/request/dock", DockRequest, "follower-supervisor", 0, 0, kind="request")
 MANUAL_REQUEST = Channel("follower/request/manual", ManualRequest, "follower-supervisor", 0, 0, kind="request")
 LOCK_REQUEST = Channel("leader/request/lock", LockRequest, "leader", 0, 0, reach="pair", kind="request")
+LED_REQUEST = Channel("leader/request/led", LedRequest, "leader", 0, 0, reach="pair", kind="request")
 
 CHANNELS: tuple[Channel[Any], ...] = (
     FRAME,
@@ -71,12 +75,14 @@ CHANNELS: tuple[Channel[Any], ...] = (
     ARM_SETPOINT,
     ARM_STATE,
     DRIVES,
+    FOLLOWER_SUMMARY,
     LEADER_STATE,
     FOLLOWER_GATEWAY,
     LEADER_GATEWAY,
     DOCK_REQUEST,
     MANUAL_REQUEST,
     LOCK_REQUEST,
+    LED_REQUEST,
 )
 
 LIVE_KEYS = "live/*"

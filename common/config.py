@@ -151,6 +151,7 @@ class DockingConfig(Section):
 
     goal_distance_m: Positive
     trolley_pitch_m: Positive
+    staging_distance_m: Annotated[float, Field(gt=0, le=5, description="behind goal K, where a trolley is taken up")]
     feature_tolerance: Positive
     heading_tolerance_deg: Positive
     settle_s: Positive
@@ -255,6 +256,7 @@ class SupervisorConfig(Section):
 
     approach_speed_m_s: Annotated[float, Field(gt=0, le=0.6)]
     last_metre_speed_m_s: Annotated[float, Field(gt=0, le=0.2)]
+    insert_speed_m_s: Annotated[float, Field(gt=0, le=0.05)]
     push_speed_m_s: Annotated[float, Field(gt=0, le=0.05)]
     push_limit_m: Positive
     retract_speed_m_s: Annotated[float, Field(gt=0, le=0.1)]
@@ -266,7 +268,18 @@ class SupervisorConfig(Section):
     acquire_timeout_s: Positive
     approach_timeout_s: Positive
     lost_timeout_s: Positive
+    stall_timeout_s: Annotated[Positive, Field(description="of an approach that comes no nearer")]
     lock_timeout_s: Annotated[float, Field(gt=0, le=60)]
+    link_timeout_s: Annotated[float, Field(gt=0, le=60, description="for the Leader's word, in contact")]
+    trolley_wait_s: Annotated[float, Field(gt=0, description="standing, before the grippers close")]
+    grip_timeout_s: Positive
+    trolley_timeout_s: Positive
+    search_turn_deg: Annotated[float, Field(gt=0, le=45, description="to each side")]
+    search_rate_rad_s: Annotated[float, Field(gt=0, le=0.3)]
+    search_clearance_m: Annotated[float, Field(ge=0.3, description="to the goal, for turning with a trolley")]
+    reduced_speed_m_s: Annotated[float, Field(gt=0, le=0.1, description="while a LED is missing")]
+    reduced_sigma_m: Annotated[float, Field(gt=0, le=0.05, description="of e_y at the goal, with the LEDs left")]
+    push_visual_tolerance_m: Positive
 
 
 Degrees = tuple[float, float]
@@ -411,11 +424,14 @@ class LeaderCanConfig(Section):
 
 
 class LeaderConfig(Section):
-    """Guide and lock of the Leader."""
+    """Guide, lock and LED driver of the Leader."""
 
     lock_travel_timeout_s: Positive
     actuator_current_limit_a: Positive
     led_current_tolerance_a: Positive
+    led_rated_current_a: Annotated[Positive, Field(description="that an LED bears for ever")]
+    led_max_current_a: Annotated[float, Field(gt=0, le=5, description="that may be asked for")]
+    led_thermal_s: Annotated[Positive, Field(description="time constant of an LED's heat")]
 
 
 class BaseConfig(Section):
@@ -475,8 +491,13 @@ class NetworkConfig(Section):
 
 
 class Config(Section):
-    """Everything that both robots read. ``world`` belongs to the simulated backend, which checks it itself."""
+    """Everything that both robots read. ``world`` belongs to the simulated backend, which checks it itself.
 
+    ``state_directory`` is where a robot keeps what outlives its processes: the queue's count, reports of attempts;
+    empty: systemd's, or the runtime directory.
+    """
+
+    state_directory: str = ""
     base: BaseConfig
     camera: CameraConfig
     leds: LedsConfig
@@ -499,6 +520,8 @@ class Config(Section):
             raise ValueError("supervisor.approach_speed_m_s is more than limits.v_max_m_s")
         if phases.retract_speed_m_s > -limits.v_min_m_s:
             raise ValueError("supervisor.retract_speed_m_s is more than limits.v_min_m_s allows backwards")
+        if not self.leds.current_a <= self.leader.led_rated_current_a <= self.leader.led_max_current_a:
+            raise ValueError("leds.current_a ≤ leader.led_rated_current_a ≤ leader.led_max_current_a does not hold")
         if phases.push_limit_m <= self.docking.push_stroke_m:
             raise ValueError("supervisor.push_limit_m must be more than docking.push_stroke_m")
         if self.controller.method == "paper" and self.controller.solver == "gauss_newton":

@@ -4,16 +4,30 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from common.config import ConfigError, default_config_path
 from common.node import DeviceError
 from common.processes import ONE_MACHINE, PROCESSES, process
-from station import cli_calibrate, cli_camera, cli_can, cli_doctor, cli_experiment, cli_manual, cli_network
+from station import (
+    cli_calibrate,
+    cli_camera,
+    cli_can,
+    cli_dock,
+    cli_doctor,
+    cli_experiment,
+    cli_leader,
+    cli_manual,
+    cli_network,
+)
 from station.cli_options import ConfigOption, SetOption, numbers
+
+if TYPE_CHECKING:
+    from station.record import DockingRecord
 
 EXIT_NOT_DOCKED = 1
 EXIT_CONFIG = 2
@@ -49,6 +63,9 @@ def sim(
         bool, typer.Option(help="one process, stepped time: deterministic, faster than real time")
     ] = False,
     headless: Annotated[bool, typer.Option(help="plain lines instead of live progress")] = False,
+    attach: Annotated[
+        Path | None, typer.Option(help="folder of a Follower's sockets: dock with the processes that run there")
+    ] = None,
     out: Annotated[Path, typer.Option(help="folder for results.json, pictures and logs")] = Path("out/sim"),
     config: ConfigOption = None,
     overrides: SetOption = None,
@@ -56,13 +73,10 @@ def sim(
     """Dock one trolley with both robots, simulated. `davpc sim`"""
     from rich.console import Console
 
-    try:
-        from station import figures
-    except ModuleNotFoundError as error:
-        raise ConfigError(f"davpc sim draws pictures with {error.name}: pip install 'davpc[plot]'") from error
     from station import launcher, report
     from station.progress import live_progress
 
+    draw = _drawing(required=attach is None)
     console = Console(force_terminal=False if headless else None, highlight=False)
     chosen = list(overrides or [])
     if seed is not None:
@@ -76,10 +90,13 @@ def sim(
     x_m, y_m, theta_deg = world.start
     console.print(
         f"docking from {x_m:g},{y_m:g},{theta_deg:g} in scene {world.scene}, seed {world.seed}, "
-        + ("stepped" if stepped else f"{len(ONE_MACHINE)} processes")
+        + ("stepped" if stepped else f"{len(PROCESSES if attach else ONE_MACHINE)} processes")
     )
     with live_progress(console) as run.progress:
-        record, cause = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
+        if attach is not None:
+            record, cause = launcher.run_attached(run, attach)
+        else:
+            record, cause = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
     settings = {
         "seed": world.seed,
         "start": list(world.start),
@@ -88,12 +105,23 @@ def sim(
         "overrides": overrides or [],
     }
     results = report.write_results(record, cause, settings, out)
-    drawn = figures.draw_all(record, out)
+    drawn = draw(record, out)
     report.print_results(results, console)
     written = [out / "results.json", *drawn]
     console.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)
     if not results["connected"]:
         raise typer.Exit(EXIT_NOT_DOCKED)
+
+
+def _drawing(required: bool) -> Callable[[DockingRecord, Path], list[Path]]:
+    """What draws the pictures; nothing does, unless required, where matplotlib is not installed: on a robot."""
+    try:
+        from station import figures
+    except ModuleNotFoundError as error:
+        if required:
+            raise ConfigError(f"davpc sim draws pictures with {error.name}: pip install 'davpc[plot]'") from error
+        return lambda _record, _out: []
+    return figures.draw_all
 
 
 @app.command(epilog="Example:  davpc run follower-camera --runtime /run/davpc")
@@ -134,6 +162,9 @@ app.command(epilog="Example:  davpc teach 1 --runtime /run/davpc")(cli_camera.te
 app.command(epilog="Example:  davpc jog --speed 0.05 --seconds 2")(cli_manual.jog)
 app.command(epilog="Example:  davpc grip close")(cli_manual.grip)
 app.command(epilog="Example:  davpc lift 200")(cli_manual.lift)
+app.add_typer(cli_dock.dock, name="dock")
+app.add_typer(cli_leader.led, name="led")
+app.add_typer(cli_leader.lock, name="lock")
 app.add_typer(cli_camera.camera, name="camera")
 app.add_typer(cli_calibrate.calibrate, name="calibrate")
 app.add_typer(cli_can.can, name="can")

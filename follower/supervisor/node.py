@@ -4,24 +4,34 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 
+from common.background import state_directory
 from common.channels import (
     ARM_STATE,
     COMMAND,
     DOCK_REQUEST,
     DOCKING_STATE,
     DRIVES,
+    FOLLOWER_SUMMARY,
+    FRAME,
     LEADER_STATE,
     LOCK_REQUEST,
     MANUAL_REQUEST,
     MISSION,
 )
+from common.messages import FollowerSummary, Mission
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
+from follower.supervisor.journal import Journal
 from follower.supervisor.manual import ManualMode, ManualSeen
-from follower.supervisor.sequence import DockingSequence, Observed
+from follower.supervisor.observed import Observed
+from follower.supervisor.report import AttemptReport
+from follower.supervisor.run_watch import RunWatch
+from follower.supervisor.sequence import DockingSequence
 from follower.supervisor.taught import taught_images
 
+_STEPS_PER_SUMMARY = 2
 _log = logging.getLogger("follower-supervisor")
 
 
@@ -29,8 +39,8 @@ class SupervisorNode(Node):
     """Shows the sequence what is fresh, publishes what it decides."""
 
     name = "follower-supervisor"
-    inputs = (DOCKING_STATE, DRIVES, ARM_STATE, LEADER_STATE, COMMAND)
-    outputs = (MISSION, LOCK_REQUEST)
+    inputs = (DOCKING_STATE, DRIVES, ARM_STATE, LEADER_STATE, COMMAND, FRAME)
+    outputs = (MISSION, FOLLOWER_SUMMARY, LOCK_REQUEST)
     serves = (DOCK_REQUEST, MANUAL_REQUEST)
     trigger = Trigger(period_ns=NS_PER_S // 20)
 
@@ -44,6 +54,10 @@ class SupervisorNode(Node):
         self._sequence = DockingSequence(context.config, context.run_id, taught)
         self._manual = ManualMode(context.config, context.run_id)
         self._phase = self._sequence.phase
+        self._steps = 0
+        self._report = AttemptReport(context.config)
+        self._journal = Journal(state_directory(context.config.state_directory, context.runtime))
+        self._runs = RunWatch()
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
         """One step of the sequence, or of the manual mode while that is on."""
@@ -57,18 +71,29 @@ class SupervisorNode(Node):
             controller_alive=inputs.fresh(COMMAND, now_ns) is not None,
             requests=by_hand.dock_requests,
             lock_answers=tuple(inputs.answers(LOCK_REQUEST)),
+            restarted=self._runs.restarted(inputs),
+            unfit=self._journal.unfit(now_ns),
         )
         decided = self._sequence.step(seen)
+        self._journal.keep(self._report.step(seen, decided.mission, self._sequence.attempt))
         mission = self._manual.mission(decided.mission)
         if mission.phase != self._phase:
             self._phase = mission.phase
             _log.info("phase %s %s", self._phase, mission.cause)
         outputs: list[Output] = [(MISSION, mission)]
+        self._steps += 1
+        if self._steps % _STEPS_PER_SUMMARY == 0:
+            outputs.append((FOLLOWER_SUMMARY, _by_hand(decided.summary, mission)))
         outputs += [(DOCK_REQUEST, answer) for answer in (*by_hand.dock_answers, *decided.answers)]
         outputs += [(MANUAL_REQUEST, answer) for answer in by_hand.answers]
         if decided.lock_request is not None:
             outputs.append((LOCK_REQUEST, decided.lock_request))
         return outputs
+
+    def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002 - the contract's signature
+        """Write what still waits."""
+        self._journal.close()
+        return ()
 
     def _seen_by_hand(self, now_ns: int, inputs: Inbox) -> ManualSeen:
         return ManualSeen(
@@ -80,6 +105,13 @@ class SupervisorNode(Node):
             requests=tuple(received.message for received in inputs.requests(MANUAL_REQUEST)),
             dock_requests=tuple(received.message for received in inputs.requests(DOCK_REQUEST)),
         )
+
+
+def _by_hand(summary: FollowerSummary, mission: Mission) -> FollowerSummary:
+    """The docking's summary; while a person moves the robot it may move at any time."""
+    if mission.phase != "manual":
+        return summary
+    return replace(summary, phase=mission.phase, armed=True, moving=True)
 
 
 def make(context: NodeContext) -> SupervisorNode:

@@ -101,6 +101,10 @@ def test_without_a_robot_they_say_so() -> None:
         (("run", "follower-nose"), 2, "no process 'follower-nose'"),
         (("run", "leader", "--runtime", "/nowhere"), 2, "/nowhere"),
         (("experiment", "table1", "--methods", "magic"), 2, "no method 'magic'"),
+        (("dock", "status", "--runtime", "/nowhere"), 1, "no robot runs here"),
+        (("dock", "start", "--trolley", "2", "--runtime", "/nowhere"), 1, "no robot runs here"),
+        (("led", "set", "much", "--runtime", "/nowhere"), 1, "write amperes"),
+        (("lock", "open", "--yes", "--runtime", "/nowhere"), 1, "no robot runs here"),
     ):
         ended = davpc(*arguments)
         assert ended.returncode == code, ended
@@ -119,5 +123,17 @@ def test_a_board_in_view_is_calibrated_from_a_folder(tmp_path: Path) -> None:
 
 def test_help_shows_every_command_with_an_example() -> None:
     text = davpc("--help").stdout
-    for command in ("sim", "run", "processes", "camera", "calibrate", "teach", "experiment", "bench"):
+    for command in (
+        "sim",
+        "run",
+        "processes",
+        "dock",
+        "led",
+        "lock",
+        "camera",
+        "calibrate",
+        "teach",
+        "experiment",
+        "bench",
+    ):
         assert f"davpc {command}" in " ".join(text.replace("│", "").split())
