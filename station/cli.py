@@ -158,6 +158,7 @@ def processes() -> None:
 
 
 app.command(epilog="Example:  sudo davpc doctor --robot follower")(cli_doctor.doctor)
+app.command(epilog="Example:  davpc wiring --config /etc/davpc/robots.toml")(cli_doctor.wiring)
 app.command(epilog="Example:  davpc teach 1 --runtime /run/davpc")(cli_camera.teach)
 app.command(epilog="Example:  davpc jog --speed 0.05 --seconds 2")(cli_manual.jog)
 app.command(epilog="Example:  davpc grip close")(cli_manual.grip)

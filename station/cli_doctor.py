@@ -7,13 +7,16 @@ import os
 import sys
 import threading
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from common.config import default_config_path
 from common.network_access import Robot
-from station.cli_options import ROBOT, ConfigOption, RuntimeOption, SetOption
+from common.node import DeviceError
+from station.answers import RunningOption
+from station.cli_options import ROBOT, ConfigOption, SetOption, loaded
 
 
 class Who(StrEnum):
@@ -22,6 +25,18 @@ class Who(StrEnum):
     FOLLOWER = "follower"
     LEADER = "leader"
     BOTH = "both"
+
+
+def _folder(named: Path | None) -> Path:
+    """Of the robot that runs here, real or simulated; of an installed one where none does."""
+    from station.robot_link import running_robot
+
+    if named is not None:
+        return named
+    try:
+        return running_robot(None)
+    except DeviceError:
+        return ROBOT
 
 
 _ROBOTS: dict[Who, tuple[Robot, ...]] = {
@@ -35,7 +50,7 @@ def doctor(
     robot: Annotated[Who | None, typer.Option(help="whose parts", show_default="as installed, else both")] = None,
     devices: Annotated[bool, typer.Option(help="open camera and CAN bus if no process of davpc has them")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object for programs")] = False,
-    runtime: RuntimeOption = ROBOT,
+    runtime: RunningOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -50,7 +65,7 @@ def doctor(
     role = installed_role()
     robots = default_robots(role) if robot is None else _ROBOTS[robot]
     hardware = role is not None and role[1] == "hardware"
-    visit = Visit(robots, runtime, config or default_config_path(), overrides or (), devices, hardware)
+    visit = Visit(robots, _folder(runtime), config or default_config_path(), overrides or (), devices, hardware)
     findings = []
     for finding in visit.findings():
         findings.append(finding)
@@ -63,3 +78,10 @@ def doctor(
         sys.stdout.flush()
         os._exit(code)
     raise typer.Exit(code)
+
+
+def wiring(config: ConfigOption = None, overrides: SetOption = None) -> None:
+    """Print what to wire and which node ids to set, from the configuration. `davpc wiring`"""
+    from station.wiring import wiring as tables
+
+    typer.echo(tables(loaded(config, overrides)))

@@ -201,17 +201,19 @@ def seen_by_estimator(state: DockingState, total: int) -> Finding:
     return check_leds_seen(state.leds_seen, total, "" if state.cause == "ok" else f"({state.cause})")
 
 
-def check_leader(state: LeaderState | None, nominal_a: float, tolerance_a: float) -> Finding:
+def check_leader(state: LeaderState | None, tolerance_a: float) -> Finding:
     """The Leader's array, guide and lock, as it tells them itself."""
     if state is None:
         return failed("Leader", "not heard", "does it run? see link, journalctl -u davpc-leader")
     currents = ", ".join(f"{current:.2f}" for current in state.led_current_a)
     text = f"LEDs {currents} A, guide {state.guide}, lock {state.lock}"
-    dark = any(abs(current - nominal_a) > tolerance_a for current in state.led_current_a)
-    if state.led_fault or dark:
-        return failed(
-            "Leader", f"{text}: {state.cause or 'LED current'}", f"LED driver and wiring; nominal {nominal_a:g} A"
-        )
+    pairs = zip(state.led_current_a, state.led_setpoint_a, strict=False)
+    if state.led_fault or any(abs(drawn - told) > tolerance_a for drawn, told in pairs):
+        return failed("Leader", f"{text}: {state.cause or 'LED current'}", "LED driver and wiring: davpc led status")
     if not state.ready or state.lock == "fault":
-        return failed("Leader", f"{text}: {state.cause or 'not ready'}", "look at guide and lock, then at its log")
-    return ok("Leader", text)
+        return failed("Leader", f"{text}: {state.cause or 'not ready'}", "look at it; davpc lock status")
+    if state.led_derated:
+        return warning("Leader", f"{text}; LEDs are derated", "let the array cool")
+    if state.queue is None:
+        return warning("Leader", f"{text}; it does not know its queue", "count the trolleys: davpc lock count")
+    return ok("Leader", f"{text}, {state.queue} in the queue")

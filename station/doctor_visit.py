@@ -203,8 +203,7 @@ class Pair:
         if state is None and not here:
             yield skipped("Leader", "it does not run here and is not heard")
             return
-        tolerance_a = self.config.leader.led_current_tolerance_a
-        yield doctor_robot.check_leader(state, self.config.leds.current_a, tolerance_a)
+        yield doctor_robot.check_leader(state, self.config.leader.led_current_tolerance_a)
 
     def _bus(self, robot: Robot) -> Iterator[Finding]:
         follower = robot == "follower"

@@ -257,16 +257,19 @@ def test_drives_and_battery() -> None:
 
 
 def test_leader() -> None:
-    def state(**values: Any) -> LeaderState:
+    def check(**values: Any) -> Finding:
         standing = {"ready": True, "cause": "", "led_current_a": (1.0,) * 4, "led_fault": False, "guide": "down"}
-        standing |= {"lock": "open", "actuator_current_a": 0.0, "queue": 0}
-        return LeaderState(**{**standing, **values})
+        standing |= {"lock": "open", "actuator_current_a": 0.0, "queue": 2, "led_setpoint_a": (1.0,) * 4}
+        return check_leader(LeaderState(**{**standing, **values}), 0.15)
 
-    told(check_leader(state(), 1.0, 0.15), "ok", "lock open")
-    told(check_leader(state(led_current_a=(1.0, 1.0, 0.0, 1.0)), 1.0, 0.15), "failed", "0.00")
-    told(check_leader(state(led_fault=True, cause="LED 2 open"), 1.0, 0.15), "failed", "LED 2 open")
-    told(check_leader(state(lock="fault"), 1.0, 0.15), "failed", "lock fault")
-    told(check_leader(None, 1.0, 0.15), "failed", "not heard")
+    told(check(), "ok", "lock open", "2 in the queue")
+    told(check(led_current_a=(1.0, 1.0, 0.0, 1.0)), "failed", "0.00")
+    told(check(led_fault=True, cause="LED 2 open"), "failed", "LED 2 open")
+    told(check(lock="fault"), "failed", "lock fault")
+    told(check(ready=False, cause="I/O module silent"), "failed", "I/O module silent")
+    told(check(led_derated=True), "warning", "derated")
+    told(check(queue=None), "warning", "davpc lock count")
+    told(check_leader(None, 0.15), "failed", "not heard")
 
 
 # -- the network
