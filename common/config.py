@@ -54,6 +54,8 @@ class CameraConfig(Section):
     ``device`` says which one: the serial number (mindvision), ``/dev/video0`` (v4l2), a folder or video (replay);
     empty: the only one there is.
     ``mount_tilt_deg`` is how the camera is screwed on: pitch (up), roll (right side down), yaw (to the left).
+    ``calibration`` is the file of ``davpc calibrate camera`` that ``lens`` was taken from, beside the configuration;
+    ``davpc doctor`` compares the two, the camera and its age.
     """
 
     driver: str
@@ -65,6 +67,7 @@ class CameraConfig(Section):
     gain: Annotated[float, Field(gt=0, le=64)]
     mount_xyz_m: Xyz
     mount_tilt_deg: Xyz = (0.0, 0.0, 0.0)
+    calibration: str = ""
     lens: LensConfig
 
     @cached_property
@@ -432,11 +435,12 @@ class LeaderConfig(Section):
 
 
 class BaseConfig(Section):
-    """The Follower's differential drive."""
+    """The Follower's differential drive, and below which voltage its battery is to be charged (0: not judged)."""
 
     wheel_radius_m: Positive
     track_m: Positive
     latency_ms: NonNegative
+    battery_low_v: NonNegative = 0.0
 
 
 DEFAULT_NAMESPACE = "davpc"

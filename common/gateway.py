@@ -16,7 +16,7 @@ from common.channels import FOLLOWER_GATEWAY, LEADER_GATEWAY, Channel, health_ch
 from common.config import ConfigError, NetworkConfig
 from common.credentials import check_credentials, credentials_folder
 from common.messages import GatewayState
-from common.network_access import OTHER, Robot, crossing, robot_access, site_access
+from common.network_access import OTHER, Robot, crossing, robot_access, rules_digest, site_access
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.processes import GATEWAYS, PROCESSES
 from common.timing import NS_PER_S
@@ -140,8 +140,8 @@ def site_router(pairs: Sequence[NetworkConfig], certificate: str, folder: Path, 
 
 
 class Gateway(Node):
-    """Its session is the router; the node itself says twice a second whether it hears the other robot, and for how
-    long the certificate is good."""
+    """Its session is the router; the node itself says twice a second whether it hears the other robot, for how long
+    the certificate is good, and by which rules it works."""
 
     trigger = Trigger(period_ns=NS_PER_S // 2)
 
@@ -157,6 +157,7 @@ class Gateway(Node):
             _log.warning("certificate %s expires in %.1f days", router.certificate, left_s / _DAY_S)
         self._good_until_ns = context.clock.now_ns() + round(left_s * NS_PER_S)
         self._state = state
+        self._rules = rules_digest(router.access)
         self._other = health_channel(GATEWAYS[OTHER[robot]])
         self._linked: bool | None = None
         self.inputs = (self._other,)
@@ -168,7 +169,8 @@ class Gateway(Node):
         if linked != self._linked:
             self._linked = linked
             _log.info("%s %s", self._other.publisher, "is heard" if linked else "is not heard")
-        return ((self._state, GatewayState(linked, (self._good_until_ns - now_ns) / NS_PER_S)),)
+        left_s = (self._good_until_ns - now_ns) / NS_PER_S
+        return ((self._state, GatewayState(linked, left_s, self._rules)),)
 
 
 class FollowerGateway(Gateway):

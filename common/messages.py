@@ -341,11 +341,15 @@ class LeaderState:
 
 @dataclass(frozen=True, config=STRICT)
 class GatewayState:
-    """A robot's gateway: whether it hears the other robot's, and for how long its certificate is still good."""
+    """A robot's gateway: whether it hears the other robot's, and for how long its certificate is still good.
 
-    SCHEMA: ClassVar[str] = "gateway_state/1"
+    ``rules`` is the digest of the access rules that it works by: see :func:`common.network_access.rules_digest`.
+    """
+
+    SCHEMA: ClassVar[str] = "gateway_state/2"
     linked: bool
     certificate_left_s: float
+    rules: Annotated[str, Field(max_length=64)]
 
 
 @dataclass(frozen=True, config=STRICT)

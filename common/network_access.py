@@ -7,6 +7,8 @@ everybody; so motion keys do not even come as far as the gateway.
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -129,6 +131,11 @@ def robot_access(network: NetworkConfig, robot: Robot) -> dict[str, Any]:
         ]
         parties["operator"] = (_certified(network.operators), watching)
     return _access(parties)
+
+
+def rules_digest(access: Mapping[str, Any]) -> str:
+    """Short hash of access rules, by which a gateway's can be compared with those of another configuration."""
+    return hashlib.sha256(json.dumps(access, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def site_access(pairs: Sequence[NetworkConfig]) -> dict[str, Any]:

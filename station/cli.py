@@ -18,6 +18,7 @@ from station import (
     cli_camera,
     cli_can,
     cli_dock,
+    cli_doctor,
     cli_experiment,
     cli_leader,
     cli_manual,
@@ -156,6 +157,8 @@ def processes() -> None:
         typer.echo(f"{entry.name:20s} {entry.robot:9s} FIFO {entry.priority}  {when:36s} {entry.purpose}")
 
 
+app.command(epilog="Example:  sudo davpc doctor --robot follower")(cli_doctor.doctor)
+app.command(epilog="Example:  davpc wiring --config /etc/davpc/robots.toml")(cli_doctor.wiring)
 app.command(epilog="Example:  davpc teach 1 --runtime /run/davpc")(cli_camera.teach)
 app.command(epilog="Example:  davpc jog --speed 0.05 --seconds 2")(cli_manual.jog)
 app.command(epilog="Example:  davpc grip close")(cli_manual.grip)
