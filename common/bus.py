@@ -59,7 +59,8 @@ class Bus:
             raise ConfigError(f"{runtime}: a process {name} runs here already") from error
         Path(sockets[name]).unlink(missing_ok=True)
         Path(sockets[name] + ".lock").unlink(missing_ok=True)
-        zenoh.init_log_from_env_or("error")
+        # a router says of each declaration that its access list refused that it knows nothing of it
+        zenoh.init_log_from_env_or("error,zenoh::net::routing=off" if settings else "error")
         self._threads: list[threading.Thread] = []
         self._closing = threading.Event()
         self._declared: list[Any] = []

@@ -91,6 +91,8 @@ class ProcessExecutor:
         self._stopping = False
         self._steps = 0
         self._durations_ns: deque[int] = deque(maxlen=1000)
+        # its age tells whoever cannot ask the bus that this loop goes on: a container's health check
+        self._alive_file = context.runtime / f"{node.name}.alive"
         self._requester = ThreadPoolExecutor(max_workers=2, thread_name_prefix="request")
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
@@ -223,6 +225,7 @@ class ProcessExecutor:
         notify_service_manager("WATCHDOG=1")
         while self._inbox.faults:
             self._log.warning("dropped a message: %s", self._inbox.faults.popleft())
+        self._alive_file.touch()
         health = Health(self._node.name, True, self._steps, missed, self._inbox.malformed, self._step_ms()[1])
         self._publish([(health_channel(self._node.name), health)])
 

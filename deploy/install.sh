@@ -37,14 +37,18 @@ need_root() { [ "$(id -u)" = 0 ] || [ -n "$dry_run" ] || die "run as root: sudo 
 # --- what is there, what is wanted
 
 check_machine() {
-  command -v systemctl >/dev/null || die "no systemd on this machine"
+  [ -d /run/systemd/system ] || [ -n "$dry_run" ] || die "systemd does not run on this machine"
   local version
-  version=$(systemctl --version | awk 'NR == 1 { print $2 }')
-  [ "$version" -ge 252 ] || die "systemd $version is too old, 252 is needed: Debian 12, Ubuntu 24.04 or newer"
-  "$PYTHON" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null ||
-    die "$PYTHON is not Python >= 3.11 with venv: apt-get install python3-venv, or PYTHON=... $0"
+  version=$(systemctl --version 2>/dev/null | awk 'NR == 1 { print $2 }')
+  [ "${version:-0}" -ge 252 ] || die "systemd ${version:-(none)} is too old, 252 is needed: Debian 12, Ubuntu 24.04"
+  check_python
   [ -z "$wheels" ] || [ -n "$(find "$wheels" -name '*.whl' -print -quit 2>/dev/null)" ] ||
     die "--wheels $wheels: no wheels there; make the folder with '$0 wheels DIR' on a machine with network"
+}
+
+check_python() {
+  "$PYTHON" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null ||
+    die "$PYTHON is not Python >= 3.11 with venv: apt-get install python3-venv, or PYTHON=... $0"
 }
 
 # name of the release that this tree makes: version, and what its files are
@@ -58,160 +62,14 @@ release_id() {
 
 target_of() { [ -r "$ETC/robot" ] && echo "davpc-$(cut -d' ' -f1 "$ETC/robot").target"; }
 linked() { basename "$(readlink "$OPT/$1" 2>/dev/null || true)"; }
-is_running() { [ -n "$(target_of)" ] && systemctl -q is-active "$(target_of)"; }
+is_running() { [ -n "$(target_of)" ] && systemctl -q is-active "$(target_of)" 2>/dev/null; }
 
-# --- a release on the disk
+# --- parts
 
-# pip, made quiet, of the environment $1
-pip_of() { echo "$1/bin/python -m pip --quiet --disable-pip-version-check"; }
-
-environment_of() { # what releases of the same lock share: 12 hex digits of lock and Python
-  cat "$TREE/deploy/requirements.lock" <("$PYTHON" -VV) | sha256sum | cut -c1-12
-}
-
-build_environment() { # NAME: all packages but davpc's own
-  local environment=$OPT/environments/$1 source=()
-  [ ! -e "$environment/.complete" ] || return 0
-  say "installing the locked packages"
-  [ -z "$wheels" ] || source=(--no-index --find-links "$wheels")
-  run rm -rf "$environment"
-  run mkdir -p "$OPT/environments"
-  run "$PYTHON" -m venv "$environment"
-  # shellcheck disable=SC2046 # words are meant
-  run $(pip_of "$environment") install "${source[@]}" --require-hashes -r "$TREE/deploy/requirements.lock" ||
-    die "the packages could not be installed; nothing has changed"
-  run touch "$environment/.complete"
-}
-
-build_release() { # ID
-  local release=$OPT/releases/$1 environment=$OPT/environments/$(environment_of)
-  [ ! -e "$release/.complete" ] || return 0
-  build_environment "$(basename "$environment")"
-  say "building release $1"
-  run rm -rf "$release"
-  run mkdir -p "$OPT/releases"
-  run "$PYTHON" -m venv --without-pip "$release"
-  run borrow "$environment" "$release"
-  # shellcheck disable=SC2046
-  run $(pip_of "$environment") --python "$release/bin/python" install --no-index --no-deps --no-build-isolation "$TREE"
-  run mkdir -p "$release/share/davpc"
-  run cp -r "$TREE/deploy" "$TREE/docs" "$release/share/davpc/"
-  run touch "$release/.complete"
-}
-
-borrow() { # ENVIRONMENT RELEASE: the release finds the environment's packages
-  echo "$1"/lib/python3*/site-packages >"$(echo "$2"/lib/python3*/site-packages)/$BORROWED"
-}
-
-check_configuration() { # ID; the configuration must be one that this release can read
-  [ -z "$dry_run" ] || return 0
-  "$OPT/releases/$1/bin/python" - "$ETC/robots.toml" <<'PYTHON'
-import sys
-from pathlib import Path
-
-from common.config import ConfigError, load_config
-
-try:
-    load_config(Path(sys.argv[1]))
-except ConfigError as error:
-    sys.exit(f"davpc: {error}")
-PYTHON
-}
-
-# --- files outside the release
-
-put() { # SOURCE DESTINATION: copy if different
-  if [ -h "$1" ]; then
-    [ "$(readlink "$1")" = "$(readlink "$2" 2>/dev/null)" ] && return
-    mkdir_once "$(dirname "$2")"
-    run ln -sfn "$(readlink "$1")" "$2"
-  elif ! cmp -s "$1" "$2"; then
-    run install -D -m 0644 "$1" "$2"
-  fi
-}
-
-units_of() { # RELEASE: "source destination" of every file that it has outside its folder
-  local deploy=$OPT/releases/$1/share/davpc/deploy folder path
-  [ -d "$deploy" ] || deploy=$TREE/deploy # a dry run before the release is there
-  for folder in "$deploy/systemd" "$deploy/$variant"; do
-    (cd "$folder" && find . ! -type d) | while read -r path; do
-      echo "$folder/$path" "$LIB/systemd/system/${path#./}"
-    done
-  done
-  echo "$deploy/sysusers.conf $LIB/sysusers.d/davpc.conf"
-  echo "$deploy/tmpfiles.conf $LIB/tmpfiles.d/davpc.conf"
-  echo "$deploy/udev/70-davpc-camera.rules $LIB/udev/rules.d/70-davpc-camera.rules"
-  if [ "$variant" = hardware ]; then
-    for path in link network; do
-      echo "$deploy/can/80-davpc-can.$path $LIB/systemd/network/80-davpc-can.$path"
-    done
-  fi
-}
-
-installed_files() {
-  find "$LIB/systemd/system" "$LIB/systemd/network" "$LIB/sysusers.d" "$LIB/tmpfiles.d" "$LIB/udev/rules.d" \
-    ! -type d \( -path '*/davpc[-_.]*' -o -name '??-davpc-*' \) 2>/dev/null || true
-}
-
-sync_files() { # ID
-  local before=$changed source destination wanted
-  wanted=$(units_of "$1")
-  while read -r destination; do
-    grep -qF " $destination" <<<"$wanted" || run rm -f "$destination"
-  done < <(installed_files)
-  while read -r source destination; do
-    put "$source" "$destination"
-  done <<<"$wanted"
-  [ "$changed" != "$before" ] || return 0
-  run find "$LIB/systemd/system" -type d -name 'davpc*' -empty -delete
-  run systemd-sysusers "$LIB/sysusers.d/davpc.conf"
-  run systemd-tmpfiles --create "$LIB/tmpfiles.d/davpc.conf"
-  run systemctl daemon-reload
-  reload_devices
-}
-
-mkdir_once() { [ -d "$1" ] || run mkdir -p "$1"; }
-
-reload_devices() {
-  if systemctl -q is-active systemd-udevd; then
-    run udevadm control --reload
-    run udevadm trigger --subsystem-match=usb --subsystem-match=net --action=change
-  fi
-  [ "$variant" = hardware ] || return 0
-  if ! systemctl -q is-enabled systemd-networkd 2>/dev/null; then
-    # it is to bring up can0; whether the network is online is somebody else's business, as before
-    run systemctl enable --now systemd-networkd
-    run systemctl disable systemd-networkd-wait-online
-  fi
-  ! systemctl -q is-active systemd-networkd || run networkctl reload
-}
-
-write_configuration() { # ROBOT: templates where there is nothing yet
-  local file
-  mkdir_once "$ETC"
-  for file in "$TREE"/deploy/config/*.eds; do
-    [ -e "$ETC/$(basename "$file")" ] || put "$file" "$ETC/$(basename "$file")"
-  done
-  if [ ! -e "$ETC/robots.toml" ]; then
-    run template "$ETC/robots.toml"
-    say "wrote $ETC/robots.toml: put the pair's measures in, the same file on both robots"
-  fi
-  if [ "$(cat "$ETC/robot" 2>/dev/null)" != "$1 $variant" ]; then
-    run write "$ETC/robot" "$1 $variant"
-  fi
-}
-
-write() { echo "$2" >"$1"; }
-
-template() { # FILE
-  if [ "$variant" = simulated ]; then
-    cp "$TREE/deploy/config/robots.toml" "$1"
-  else
-    sed -e '/^\[world\]/,$d' -e 's/^driver = "sim" /driver = "mindvision" /' \
-      -e 's/^bus = .*/bus = { interface = "socketcan", channel = "can0" }/' "$TREE/deploy/config/robots.toml" >"$1"
-  fi
-  chmod 0644 "$1"
-}
+# shellcheck source=deploy/lib/release.sh
+. "$TREE/deploy/lib/release.sh"
+# shellcheck source=deploy/lib/files.sh
+. "$TREE/deploy/lib/files.sh"
 
 # --- which release is in use
 
@@ -259,20 +117,6 @@ start_and_check() { # TARGET
   [ -n "$dry_run" ] || healthy "$1"
 }
 
-prune() { # all but the current and the previous release, and the packages that neither uses
-  local folder
-  for folder in "$OPT"/releases/*; do
-    case $(basename "$folder") in
-    "$(linked current)" | "$(linked previous)" | '*') ;;
-    *) run rm -rf "$folder" ;;
-    esac
-  done
-  for folder in "$OPT"/environments/*; do
-    [ ! -d "$folder" ] || grep -qs "^$folder/" "$OPT"/releases/*/lib/python3*/site-packages/"$BORROWED" ||
-      run rm -rf "$folder"
-  done
-}
-
 # --- commands
 
 install_robot() { # ROBOT
@@ -297,6 +141,7 @@ install_robot() { # ROBOT
   fi
   [ "$changed" != 0 ] || { say "release $id is installed; nothing changed"; return; }
   prune
+  [ -z "$dry_run" ] || { say "dry run: nothing has been changed"; return; }
   say "release $id is installed for the $1 ($variant)"
   [ -n "$start$was_running" ] || say "when $ETC is complete: systemctl enable --now $target"
 }
@@ -340,7 +185,7 @@ uninstall() {
 }
 
 gather_wheels() { # DIR
-  check_machine
+  check_python
   scratch=$(mktemp -d)
   trap 'rm -rf "$scratch"' EXIT
   "$PYTHON" -m venv "$scratch"
@@ -349,7 +194,8 @@ gather_wheels() { # DIR
   say "$1: packages for $("$PYTHON" --version) on $(uname -m)"
 }
 
-command=${1:-} && shift || true
+command=${1:-}
+[ $# = 0 ] || shift
 folder=""
 if [ "$command" = wheels ]; then folder=${1:?which folder} && shift; fi
 while [ $# -gt 0 ]; do

@@ -17,6 +17,7 @@ from common.geometry import Array, Pose2, wrap_angle
 
 STEP_S = 1 / 240
 DRIFT_KNEE_M_S = 0.02
+STANDING_M_S = 1e-4  # wheels that roll a millimetre in ten seconds stand: friction holds them
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,8 @@ class Disturbances:
 
     ``load_gain`` and ``lag_s`` act on the wheels, so encoders see them; pads and ``yaw_bias_rad_s`` act between
     wheels and ground, so they do not. Drifts fade to zero below ``drift_knee_m_s``: nothing moves a robot that
-    stands. The knee is the world's own, lower than the one that the observer assumes; at 0 drifts act in full as
-    soon as the wheels turn.
+    stands. The knee is the world's own, observer and controller know of none; at 0 drifts act in full as soon as
+    the wheels turn, which is above ``STANDING_M_S``.
     """
 
     load_gain: float = 1.0
@@ -56,7 +57,7 @@ class Disturbances:
     def moving(self, v_m_s: float) -> float:
         """Share of the drifts that acts at a speed, 0 … 1."""
         if self.drift_knee_m_s == 0.0:
-            return float(v_m_s != 0.0)
+            return float(abs(v_m_s) > STANDING_M_S)
         return min(1.0, abs(v_m_s) / self.drift_knee_m_s)
 
 
@@ -88,6 +89,7 @@ class FeatureWorld:
         self.pose = start  # {F} in {L}
         self.command = (0.0, 0.0)
         self.wheels = (0.0, 0.0)
+        self._seen: tuple[Pose2, Array, Array] | None = None
 
     def advance(self, duration_s: float) -> None:
         """Drive on with the present command."""
@@ -119,18 +121,25 @@ class FeatureWorld:
 
     def true_pixels(self) -> Array:
         """Projections (n, 2) without noise, also outside the image; NaN behind the camera."""
-        return project(self._config, self.pose)
+        return self._look()[1].copy()
 
     def in_view(self) -> Array:
         """(n,) whether each projection lies in the image."""
-        return inside_image(self._config, self.true_pixels())
+        return self._look()[2].copy()
+
+    def _look(self) -> tuple[Pose2, Array, Array]:
+        """The pose, the projections from it, which lie in the image; kept, since all ask several times a frame."""
+        if self._seen is None or self._seen[0] is not self.pose:
+            pixels = project(self._config, self.pose)
+            self._seen = self.pose, pixels, inside_image(self._config, pixels)
+        return self._seen
 
     def measure(self, time_ns: int) -> Measurement:
         """One frame with fresh noise."""
         noise_px, noise_theta = self._noise
-        true = self.true_pixels()
+        _, true, inside = self._look()
         noisy = true + noise_px * self._random.standard_normal(true.shape)
-        noisy[np.logical_not(inside_image(self._config, true))] = np.nan
+        noisy[np.logical_not(inside)] = np.nan
         theta = wrap_angle(-self.pose.theta_rad + noise_theta * self._random.standard_normal())
         return Measurement(time_ns, self._config.camera.pinhole.to_normalised(noisy), theta)
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from common.config import Config
+from common.geometry import Array
 from experiments.feature_world import Pads
 from experiments.trial import Trace
 
@@ -104,14 +105,22 @@ def _draw_estimates(traces: dict[str, Trace], pads: tuple[Pads, ...], estimate: 
                 estimate.plot(
                     rows["time_s"], rows["disturbance"][:, i], style, color=COLOURS[method], label=f"davpc: {name}"
                 )
-            distance = -rows["pose"][:, 0]
-            on_pads = np.any([(distance >= pad.from_m) & (distance <= pad.to_m) for pad in pads], axis=0)
-            crossing = rows["time_s"][on_pads]
-            if crossing.size:
-                for axis in (estimate, output):
-                    axis.axvspan(crossing[0], crossing[-1], color="#ffe9a8", zorder=0, label="davpc over the pads")
+            for axis in (estimate, output):
+                _shade_phases(rows, pads, axis)
     estimate.set(xlabel="t [s]", ylabel="d̂", title="estimated disturbance: before, over and behind the pads")
     output.set(xlabel="t [s]", ylabel="u_C", title="compensation")
+
+
+def _shade_phases(rows: dict[str, Array], pads: tuple[Pads, ...], axis: Any) -> None:
+    """The paper's three phases in its colours: before, over, and behind the pads."""
+    distance, time = -rows["pose"][:, 0], rows["time_s"]
+    over = time[np.any([(distance >= pad.from_m) & (distance <= pad.to_m) for pad in pads], axis=0)]
+    if not over.size:
+        return
+    edges = (time[0], over[0], over[-1], time[-1])
+    phases = (("before the pads", "#d6e6f5"), ("over the pads", "#fff0b8"), ("behind the pads", "#f8d6d6"))
+    for (name, colour), begin, end in zip(phases, edges[:-1], edges[1:], strict=True):
+        axis.axvspan(begin, end, color=colour, zorder=0, label=f"{name} (davpc)")
 
 
 def draw_sweep(rows: list[dict[str, Any]], path: Path) -> None:

@@ -59,16 +59,19 @@ def write_results(
     rows: list[dict[str, Any]],
     paper: list[Any],
     config: Config,
+    note: str = "",
 ) -> dict[str, Any]:
     """Write ``results.json`` and ``table.md`` into the folder ``out``; returns the former's content.
 
-    ``config`` is kept in the settings, so that a result tells what it was measured with.
+    ``config`` is kept in the settings, so that a result tells what it was measured with; ``note`` stands below the
+    table.
     """
     settings = settings | configuration(config)
     out.mkdir(parents=True, exist_ok=True)
     content = {"experiment": experiment, "seed": seed, "settings": settings, "rows": rows, "paper": paper}
     results = write_json(out / "results.json", content)
-    (out / "table.md").write_text(markdown(experiment, results["rows"]), encoding="utf-8")
+    text = markdown(experiment, results["rows"]) + (f"\n{note}\n" if note else "")
+    (out / "table.md").write_text(text, encoding="utf-8")
     return results
 
 

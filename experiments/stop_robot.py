@@ -24,7 +24,7 @@ from common.config import BusConfig, load_config
 from common.executor import earlier_processes
 from common.messages import Answer, DockRequest, Mission, decode
 from common.node import Outbox
-from common.processes import PROCESSES
+from common.processes import ONE_MACHINE
 from common.timing import NS_PER_S, MonotonicClock
 from experiments.stop_process import Starter
 from experiments.stop_watch import BusTap, Canary
@@ -96,7 +96,7 @@ class StopRobot:
             self._starter = Starter(self._path, overrides, runtime, self._logs, (server.fileno(),))
             self._x_m, self._phase, self._armed = -START_M[0], "", False
             stack.callback(self._kill_all)
-            for entry in PROCESSES:
+            for entry in ONE_MACHINE:
                 self._children[entry.name] = self._starter.start(entry.name)
             self._bus = stack.enter_context(Bus(_STATION, runtime, earlier_processes(_STATION)))
             self._outbox = Outbox(_STATION, secrets.randbits(62), self._clock.boot_id)

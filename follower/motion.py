@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-FULL_DRIFT_SPEED_M_S = 0.05
+FULL_DRIFT_SPEED_M_S = 0.002  # below it a wheel as good as stands
 
 
 @dataclass(frozen=True)
@@ -15,8 +15,8 @@ class MotionDisturbance:
         gain: relative error of the forward speed,
         turn_gain: of the turn that the wheels make.
         yaw_rad_s: turn besides ω,
-        sideways_m_s: drift to the left; both of a robot that drives, and fading to none below 0.05 m/s, so that
-            a robot that stands need not move to hold its place.
+        sideways_m_s: drift to the left; both of a robot that moves: nothing carries off one that stands. How they
+            fade on the way to standstill is not known; these are their values at the speed of the moment.
     """
 
     gain: float = 0.0
@@ -31,3 +31,8 @@ NO_DISTURBANCE = MotionDisturbance()
 def share_of_drift(v_m_s: float) -> float:
     """How much of its full drift a robot has at this speed, 0 … 1."""
     return min(1.0, abs(v_m_s) / FULL_DRIFT_SPEED_M_S)
+
+
+def drifts(disturbance: MotionDisturbance) -> bool:
+    """Whether the robot is carried sideways or turned, beyond what noise makes an observer believe."""
+    return abs(disturbance.yaw_rad_s) > 0.01 or abs(disturbance.sideways_m_s) > 0.005

@@ -16,7 +16,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+from common.bus import Bus
+from common.config import ConfigError
+from common.executor import EXIT_CONFIG
 from common.processes import ONE_MACHINE, process
+from common.timing import NS_PER_S, MonotonicClock
 
 _TERMINATE_S = 3.0
 _PR_SET_PDEATHSIG = 1
@@ -115,3 +119,44 @@ def interruptible() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def death(children: Children, logs: Path) -> str:
+    """Which child ended, and how; empty while all live."""
+    for name, child in children.items():
+        code = child.poll()
+        if code is None:
+            continue
+        last_words = _last_words(logs / f"{name}.log")
+        if code == EXIT_CONFIG:
+            raise ConfigError(last_words)
+        how = signal.Signals(-code).name if code < 0 else f"exit code {code}: {last_words}"
+        return f"process {name} died ({how})"
+    return ""
+
+
+def _last_words(path: Path) -> str:
+    """What the process logged as its last error."""
+    log = path.read_text(encoding="utf-8", errors="replace")
+    errors = [line.partition(" ERROR ")[2] for line in log.splitlines() if " ERROR " in line]
+    return errors[-1] if errors else f"see {path.parent.name}/{path.name}"
+
+
+class Absence:
+    """Notices a process of somebody else's that was alive and is no more; looks once a second."""
+
+    def __init__(self, bus: Bus, names: set[str], clock: MonotonicClock) -> None:
+        self._bus, self._names, self._clock = bus, names, clock
+        self._seen: set[str] = set()
+        self._due_ns = 0
+
+    def __call__(self) -> str:
+        """Which one, or nothing."""
+        now_ns = self._clock.now_ns()
+        if now_ns < self._due_ns:
+            return ""
+        self._due_ns = now_ns + NS_PER_S
+        alive = self._bus.alive()
+        gone = sorted((self._seen & self._names) - alive)
+        self._seen |= alive
+        return f"process {gone[0]} died (no longer alive)" if gone else ""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,6 +24,9 @@ from station import (
     cli_network,
 )
 from station.cli_options import ConfigOption, SetOption, numbers
+
+if TYPE_CHECKING:
+    from station.record import DockingRecord
 
 EXIT_NOT_DOCKED = 1
 EXIT_CONFIG = 2
@@ -58,6 +62,9 @@ def sim(
         bool, typer.Option(help="one process, stepped time: deterministic, faster than real time")
     ] = False,
     headless: Annotated[bool, typer.Option(help="plain lines instead of live progress")] = False,
+    attach: Annotated[
+        Path | None, typer.Option(help="folder of a Follower's sockets: dock with the processes that run there")
+    ] = None,
     out: Annotated[Path, typer.Option(help="folder for results.json, pictures and logs")] = Path("out/sim"),
     config: ConfigOption = None,
     overrides: SetOption = None,
@@ -65,13 +72,10 @@ def sim(
     """Dock one trolley with both robots, simulated. `davpc sim`"""
     from rich.console import Console
 
-    try:
-        from station import figures
-    except ModuleNotFoundError as error:
-        raise ConfigError(f"davpc sim draws pictures with {error.name}: pip install 'davpc[plot]'") from error
     from station import launcher, report
     from station.progress import live_progress
 
+    draw = _drawing(required=attach is None)
     console = Console(force_terminal=False if headless else None, highlight=False)
     chosen = list(overrides or [])
     if seed is not None:
@@ -85,10 +89,13 @@ def sim(
     x_m, y_m, theta_deg = world.start
     console.print(
         f"docking from {x_m:g},{y_m:g},{theta_deg:g} in scene {world.scene}, seed {world.seed}, "
-        + ("stepped" if stepped else f"{len(ONE_MACHINE)} processes")
+        + ("stepped" if stepped else f"{len(PROCESSES if attach else ONE_MACHINE)} processes")
     )
     with live_progress(console) as run.progress:
-        record, cause = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
+        if attach is not None:
+            record, cause = launcher.run_attached(run, attach)
+        else:
+            record, cause = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
     settings = {
         "seed": world.seed,
         "start": list(world.start),
@@ -97,12 +104,23 @@ def sim(
         "overrides": overrides or [],
     }
     results = report.write_results(record, cause, settings, out)
-    drawn = figures.draw_all(record, out)
+    drawn = draw(record, out)
     report.print_results(results, console)
     written = [out / "results.json", *drawn]
     console.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)
     if not results["connected"]:
         raise typer.Exit(EXIT_NOT_DOCKED)
+
+
+def _drawing(required: bool) -> Callable[[DockingRecord, Path], list[Path]]:
+    """What draws the pictures; nothing does, unless required, where matplotlib is not installed: on a robot."""
+    try:
+        from station import figures
+    except ModuleNotFoundError as error:
+        if required:
+            raise ConfigError(f"davpc sim draws pictures with {error.name}: pip install 'davpc[plot]'") from error
+        return lambda _record, _out: []
+    return figures.draw_all
 
 
 @app.command(epilog="Example:  davpc run follower-camera --runtime /run/davpc")

@@ -11,9 +11,12 @@ from common.config import Config, ConfigError, default_config_path, load_config
 
 ROBOT = Path("/run/davpc")
 ConfigOption = Annotated[
-    Path | None, typer.Option("--config", help="TOML file of the pair", show_default="reference")
+    Path | None,
+    typer.Option("--config", envvar="DAVPC_CONFIG", help="TOML file of the pair", show_default="reference"),
 ]
-SetOption = Annotated[list[str] | None, typer.Option("--set", help="override, as table.key=value; repeatable")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", envvar="DAVPC_SET", help="override, as table.key=value; repeatable")
+]
 SeedOption = Annotated[int, typer.Option(min=0, help="of everything random")]
 JobsOption = Annotated[int, typer.Option(min=1, help="processes to share the work")]
 RuntimeOption = Annotated[Path, typer.Option(help="folder of the running robot's sockets and frames")]

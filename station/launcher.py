@@ -9,7 +9,6 @@ import contextlib
 import os
 import queue
 import secrets
-import signal
 import socket
 import sys
 import time
@@ -22,18 +21,20 @@ from typing import Any
 from common.bus import Bus
 from common.channels import DOCK_REQUEST, Channel
 from common.config import Config, ConfigError, load_config
-from common.executor import EXIT_CONFIG, earlier_processes
+from common.executor import earlier_processes
 from common.geometry import Pose2
 from common.messages import Answer, DockRequest, Header, MessageError, decode, encode
 from common.node import Inbox, Node, NodeContext, Output, Trigger
-from common.processes import ONE_MACHINE
+from common.processes import GATEWAYS, ONE_MACHINE, PROCESSES
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, SteppedClock
 from sim.stepped import SteppedExecutor
 from sim.world_config import WorldConfig, world_config
 from sim.world_message import WORLD, WorldState
 from station import report
 from station.children import (
+    Absence,
     Children,
+    death,
     interruptible,
     listening_socket,
     runtime_directory,
@@ -159,9 +160,31 @@ def run_processes(run: Run) -> tuple[DockingRecord, str]:
                 server.fileno(),
             )
             with Bus(STATION, runtime, earlier_processes(STATION), run.config.network.namespace) as bus:
-                return _Session(run, runtime, bus, children, interrupted).dock()
+                wanted = {entry.name for entry in ONE_MACHINE}
+                died = partial(death, children, run.out / LOGS)
+                return _Session(run, runtime, bus, wanted, died, interrupted).dock()
         finally:
             stop_children(children)
+
+
+def run_attached(run: Run, runtime: Path) -> tuple[DockingRecord, str]:
+    """One docking with the processes of two robots and a world that somebody else started.
+
+    Args:
+        run: its configuration is that of the processes.
+        runtime: the Follower's private directory; the Leader is reached through the gateways.
+
+    Raises:
+        ConfigError: no such directory.
+    """
+    if not runtime.is_dir():
+        raise ConfigError(f"--attach {runtime}: no robot runs here")
+    namespace = run.config.network.namespace
+    with interruptible() as interrupted, Bus(STATION, runtime, earlier_processes(STATION), namespace) as bus:
+        # the Leader may be out of reach for a while, in an approach: the Follower's processes and the world may not
+        near = {entry.name for entry in PROCESSES if entry.robot != "leader"} - {*GATEWAYS.values()}
+        died = Absence(bus, near, MonotonicClock())
+        return _Session(run, runtime, bus, {entry.name for entry in PROCESSES}, died, interrupted).dock()
 
 
 def _with_server(overrides: Sequence[str], server: socket.socket) -> list[str]:
@@ -180,10 +203,12 @@ class _Session:
         run: Run,
         runtime: Path,
         bus: Bus,
-        children: Children,
+        wanted: set[str],
+        death: Callable[[], str],
         interrupted: Callable[[], bool],
     ) -> None:
-        self._run, self._bus, self._children, self._interrupted = run, bus, children, interrupted
+        self._run, self._bus, self._interrupted = run, bus, interrupted
+        self._wanted, self._death = wanted, death
         self._clock = MonotonicClock()
         self._record = DockingRecord(run.config, runtime)
         self._queue: queue.SimpleQueue[tuple[Channel[Any], bytes]] = queue.SimpleQueue()
@@ -201,9 +226,8 @@ class _Session:
 
     def _await_ready(self) -> str:
         deadline_ns = self._clock.now_ns() + round(READY_TIMEOUT_S * NS_PER_S)
-        wanted = {process.name for process in ONE_MACHINE}
         while True:
-            missing = wanted - self._bus.alive()
+            missing = self._wanted - self._bus.alive()
             if not missing:
                 return ""
             died = self._death()
@@ -246,24 +270,6 @@ class _Session:
                 return died
             if now_ns > deadline_ns:
                 return died or "time_limit"
-
-    def _death(self) -> str:
-        for name, child in self._children.items():
-            code = child.poll()
-            if code is None:
-                continue
-            last_words = self._last_words(name)
-            if code == EXIT_CONFIG:
-                raise ConfigError(last_words)
-            how = signal.Signals(-code).name if code < 0 else f"exit code {code}: {last_words}"
-            return f"process {name} died ({how})"
-        return ""
-
-    def _last_words(self, name: str) -> str:
-        """What the process logged as its last error."""
-        log = (self._run.out / LOGS / f"{name}.log").read_text(encoding="utf-8", errors="replace")
-        errors = [line.partition(" ERROR ")[2] for line in log.splitlines() if " ERROR " in line]
-        return errors[-1] if errors else f"see {LOGS}/{name}.log"
 
     def _drain(self, wait_s: float) -> None:
         """Record what came in ``wait_s`` seconds."""

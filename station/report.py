@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from experiments.results import write_json
 from station.record import DockingRecord
 
 # the paper's mean for the first trolley on the real robots, its Table I row for the rest
@@ -41,11 +41,10 @@ def machine() -> dict[str, Any]:
 
 
 def write_results(record: DockingRecord, cause: str, settings: dict[str, Any], out: Path) -> dict[str, Any]:
-    """Write ``results.json`` to ``out`` and return its content."""
+    """Write ``results.json`` to ``out`` and return its content, None for what is no number."""
     results = {**record.results(cause), "settings": settings, "machine": machine()}
     out.mkdir(parents=True, exist_ok=True)
-    (out / "results.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-    return results
+    return write_json(out / "results.json", results)
 
 
 def print_results(results: dict[str, Any], console: Console) -> None:

@@ -20,6 +20,7 @@ BENIGN_RULES = frozenset({"", "not_armed", "not_enabled", "no_command", "arm_epo
 STALLED = "bridge_stalled"
 _STANDSTILL_M_S = 0.005
 _DISABLE_NS = NS_PER_S // 2
+_FIRST_COMMAND_NS = 2 * NS_PER_S
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ class Bridge:
         self._arm_gate = ArmGate(config.follower_can, boot_id)
         self._stopped_epoch = -1
         self._still_since_ns: int | None = None
+        self._uncommanded_since_ns = 0
         self._last_intervention: tuple[str, ...] = ()
         self._was_armed = self._was_stalled = False
         self._resets: int | None = None
@@ -130,14 +132,24 @@ class Bridge:
             else:
                 self.state, self.cause = "disarmed", ""
         elif measured.wheels_enabled and measured.arms_enabled:
+            if self.state != "armed":
+                self._uncommanded_since_ns = heard.now_ns
             self._was_armed = True
             self.state, self.cause = "armed", ""
-            reason = decision.rule if decision.rule not in BENIGN_RULES else arms.rule
-            if reason not in BENIGN_RULES:
+            reason = self._reason(heard.now_ns, decision.rule, arms.rule)
+            if reason:
                 self.state, self.cause = "stopped", reason
                 self._stopped_epoch = self.epoch
         else:
             self.state, self.cause = "enabling", ""
+
+    def _reason(self, now_ns: int, rule: str, arm_rule: str) -> str:
+        """Why an armed robot has to be stopped, or "": also when nobody who commands reaches this process."""
+        if rule != "no_command":
+            self._uncommanded_since_ns = now_ns
+        elif now_ns - self._uncommanded_since_ns > _FIRST_COMMAND_NS:
+            return rule
+        return next((name for name in (rule, arm_rule) if name not in BENIGN_RULES), "")
 
     def _power(self, now_ns: int, measured: Measurement) -> Literal["enable", "stop_arms", "disable"] | None:
         if self.state in ("enabling", "armed") and not measured.stalled:

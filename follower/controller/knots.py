@@ -27,6 +27,22 @@ class KnotBasis:
         """(m − 1, m): what u changes from knot to knot; to be held below the rate limit times ``lengths``."""
         return np.diff(np.eye(self.knots.size), axis=0)
 
+    def hessian(self, effort: tuple[float, float], rate: tuple[float, float]) -> Array:
+        """Of the cost of two inputs' squares and of their changes' squares, in the knots of both, (2m, 2m)."""
+        differences = self.differences()
+        blocks = [
+            2 * (r * self.basis.T @ self.basis + s * differences.T @ differences)
+            for r, s in zip(effort, rate, strict=True)
+        ]
+        nothing = np.zeros_like(blocks[0])
+        return np.block([[blocks[0], nothing], [nothing, blocks[1]]])
+
+    def braking(self, last: tuple[float, float], steps: tuple[float, float]) -> Array:
+        """Two inputs brought from their ``last`` values to zero by at most ``steps`` a period, in the knots, (2m)."""
+        periods = self.knots + 1
+        slowed = [np.sign(u) * np.maximum(0.0, abs(u) - d * periods) for u, d in zip(last, steps, strict=True)]
+        return np.concatenate(slowed)
+
 
 def _interpolation(knots: Array, at: Array) -> Array:
     columns = [np.interp(at, knots, unit) for unit in np.eye(knots.size)]

@@ -8,13 +8,15 @@ solved by daqp, with soft rows for features that come near the edge of the image
 
 from __future__ import annotations
 
+import math
 from dataclasses import astuple
 
 import daqp
 import numpy as np
 
-from common.config import Config, ControllerConfig, LimitsConfig
+from common.config import Config, ControllerConfig, DockingConfig, LimitsConfig
 from common.geometry import Array, Pinhole, Pose2, feature_jacobian, features_at
+from follower.controller.drift import DriftStop, as_planned
 from follower.controller.interface import (
     Plan,
     PlanStatus,
@@ -25,9 +27,9 @@ from follower.controller.knots import KnotBasis
 from follower.controller.limits import possible_request, reachable_bounds
 from follower.controller.optimality import quadratic_residual
 from follower.controller.paper_nmpc import visibility_bounds
-from follower.controller.rollout import Rollout, roll_out
+from follower.controller.rollout import Rollout, features_along, roll_out
 from follower.controller.wheel_lag import wheel_response
-from follower.motion import NO_DISTURBANCE, MotionDisturbance
+from follower.motion import NO_DISTURBANCE, MotionDisturbance, drifts
 
 COLD_STEPS = 5  # without a warm start; closed loop does the rest
 CONVERGED = 1e-5
@@ -48,9 +50,15 @@ class RealtimeController:
         pinhole: Pinhole,
         controller: ControllerConfig,
         limits: LimitsConfig,
+        docking: DockingConfig,
         cold_steps: int = COLD_STEPS,
     ) -> None:
         config = controller.realtime
+        self._stop = DriftStop(
+            np.append(
+                np.full(2 * len(points_l), docking.feature_tolerance), math.radians(docking.heading_tolerance_deg)
+            )
+        )
         self._cold_steps = cold_steps
         self._points_l, self._camera = points_l, camera_xyz_m
         dv, dw = config.rate_limit
@@ -61,6 +69,7 @@ class RealtimeController:
                 "controller_dw_rad_s": min(limits.controller_dw_rad_s, dw),
             }
         )
+        self._step_limits = self._limits.controller_dv_m_s, self._limits.controller_dw_rad_s
         self._period_s = controller.period_ms * 1e-3
         self._knots = KnotBasis(config.knots)
         self._size = len(config.knots)
@@ -69,16 +78,11 @@ class RealtimeController:
         self._visible = visibility_bounds(pinhole, controller.visibility_margin_px, len(points_l))
         alpha, beta, theta = config.terminal_weight
         self._terminal_weight = np.append(np.tile([alpha, beta], len(points_l)), theta)
-        self._hessian = self._input_hessian(config.effort_weight, config.rate_weight)
+        self._hessian = self._knots.hessian(config.effort_weight, config.rate_weight)
         self._effort_weight, self._rate_weight = config.effort_weight, config.rate_weight
         rates = self._knots.rates()
         self._rate_rows = np.block([[rates, 0 * rates], [0 * rates, rates]])
-        self._rate_bounds = np.concatenate(
-            [
-                self._knots.lengths * self._limits.controller_dv_m_s,
-                self._knots.lengths * self._limits.controller_dw_rad_s,
-            ]
-        )
+        self._rate_bounds = np.concatenate([self._knots.lengths * step for step in self._step_limits])
         self._watched = np.append(self._knots.knots[3:], config.horizon)
         self._soft = 1.0 / config.visibility_weight
         self._warm: Array | None = None
@@ -95,6 +99,7 @@ class RealtimeController:
     def reset(self) -> None:
         """Forget the last solution."""
         self._warm = None
+        self._stop.reset()
 
     def solve(
         self,
@@ -115,8 +120,41 @@ class RealtimeController:
         sound = desired.size == self._terminal_weight.size and finite.all() and np.isfinite(desired).all()
         if not sound or not possible_request(caps, last_applied, self._limits):
             return failed_plan(PlanStatus.INVALID_INPUT, horizon, 3)
+        if self._arrived(pose, desired, disturbance):
+            return self._stand(pose, desired, last_applied)
+        return self._improve(pose, desired, last_applied, caps, disturbance, wheels or last_applied)
+
+    def _arrived(self, pose: Pose2, desired: Array, disturbance: MotionDisturbance) -> bool:
+        if not drifts(disturbance):
+            self._stop.reset()
+            return False
+        try:
+            error = self._outputs(pose) - desired
+        except ValueError:  # the goal lies behind
+            error = np.full(desired.size, np.inf)
+        return self._stop.update(error)
+
+    def _stand(self, pose: Pose2, desired: Array, last_applied: tuple[float, float]) -> Plan:
+        """The plan that brakes and stays; the next one starts from it."""
+        self._warm = knots = self._knots.braking(last_applied, self._step_limits)
+        v, w = knots.reshape(2, -1) @ self._knots.basis.T
+        rolled = roll_out(pose, v, w, self._period_s, NO_DISTURBANCE)
+        return self._plan(rolled, knots, desired, last_applied, 0)
+
+    def _improve(
+        self,
+        pose: Pose2,
+        desired: Array,
+        last_applied: tuple[float, float],
+        caps: SpeedCaps,
+        observed: MotionDisturbance,
+        wheels: tuple[float, float],
+    ) -> Plan:
+        """Gauss–Newton steps from the last solution, or from none."""
+        horizon = self._knots.basis.shape[0]
         knots, steps = self._guess(last_applied)
-        free = np.outer(last_applied if wheels is None else wheels, self._lag_free)
+        free = np.outer(wheels, self._lag_free)
+        disturbance = as_planned(observed, wheels[0])
         lower, upper = self._bounds(caps, last_applied)
         iterations = 0
         for _ in range(steps):
@@ -139,12 +177,7 @@ class RealtimeController:
 
     def _guess(self, last_applied: tuple[float, float]) -> tuple[Array, int]:
         if self._warm is None:
-            steps = self._knots.knots + 1
-            rates = (self._limits.controller_dv_m_s, self._limits.controller_dw_rad_s)
-            braking = [
-                np.sign(u) * np.maximum(0.0, abs(u) - d * steps) for u, d in zip(last_applied, rates, strict=True)
-            ]
-            return np.concatenate(braking), self._cold_steps
+            return self._knots.braking(last_applied, self._step_limits), self._cold_steps
         return (self._knots.shift @ self._warm.reshape(2, -1).T).T.reshape(-1), 1
 
     def _roll_out(self, pose: Pose2, knots: Array, free: Array, disturbance: MotionDisturbance) -> Rollout:
@@ -211,7 +244,7 @@ class RealtimeController:
         low, high = self._visible
         stages = self._watched
         poses = rolled.poses()[stages]
-        seen = _features_along(self._points_l, poses, self._camera)
+        seen = features_along(self._points_l, poses, self._camera)
         near = (seen < low + NEAR_EDGE) | (seen > high - NEAR_EDGE)
         rows, row_low, row_high = [np.empty((0, knots.size))], [np.empty(0)], [np.empty(0)]
         for i in np.flatnonzero(near.any(axis=1)):
@@ -229,19 +262,9 @@ class RealtimeController:
         reach = reachable_bounds(caps, last_applied, self._limits, self._knots.basis.shape[0])
         v_low, v_high, w_low, w_high = (bound[self._knots.knots] for bound in reach)
         lower, upper = np.concatenate([v_low, w_low]), np.concatenate([v_high, w_high])
-        steps = (self._limits.controller_dv_m_s, self._limits.controller_dw_rad_s)
-        for i, last, step in zip((0, self._size), last_applied, steps, strict=True):
+        for i, last, step in zip((0, self._size), last_applied, self._step_limits, strict=True):
             lower[i], upper[i] = max(lower[i], last - step), min(upper[i], last + step)
         return lower, upper
-
-    def _input_hessian(self, effort: tuple[float, float], rate: tuple[float, float]) -> Array:
-        """Of the effort and of the change of the inputs, in the knots, (2m, 2m)."""
-        basis, differences = self._knots.basis, self._knots.differences()
-        blocks = [
-            2 * (r * basis.T @ basis + s * differences.T @ differences) for r, s in zip(effort, rate, strict=True)
-        ]
-        nothing = np.zeros_like(blocks[0])
-        return np.block([[blocks[0], nothing], [nothing, blocks[1]]])
 
     def _plan(
         self, rolled: Rollout, knots: Array, desired: Array, last_applied: tuple[float, float], iterations: int
@@ -261,24 +284,14 @@ class RealtimeController:
         return Plan(PlanStatus.SOLVED, v, w, cost, iterations, states)
 
 
-def _features_along(points_l: Array, poses: Array, camera_xyz_m: Array) -> Array:
-    """Features (k, 2n) from k poses.
-
-    Raises:
-        ValueError: a point lies behind the camera.
-    """
-    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
-    depth = poses[:, :1] - camera_xyz_m[0] + c * points_l[:, 0] - s * points_l[:, 1]
-    if np.any(depth <= 0):
-        raise ValueError("a point behind the camera has no image")
-    across = camera_xyz_m[1] - poses[:, 1:2] - s * points_l[:, 0] - c * points_l[:, 1]
-    seen = np.empty((len(poses), 2 * len(points_l)))
-    seen[:, 0::2], seen[:, 1::2] = across / depth, (camera_xyz_m[2] - points_l[:, 2]) / depth
-    return seen
-
-
 def make(config: Config, cold_steps: int = COLD_STEPS) -> RealtimeController:
     """The controller of a configuration; ``cold_steps`` are taken at most without a warm start."""
     return RealtimeController(
-        config.leds.points, config.camera.mount, config.camera.pinhole, config.controller, config.limits, cold_steps
+        config.leds.points,
+        config.camera.mount,
+        config.camera.pinhole,
+        config.controller,
+        config.limits,
+        config.docking,
+        cold_steps,
     )

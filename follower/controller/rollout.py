@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import Array, Pose2
-from follower.motion import FULL_DRIFT_SPEED_M_S, MotionDisturbance
+from follower.motion import MotionDisturbance
+
+FADING_BELOW_M_S = 0.05
 
 ComplexArray = NDArray[np.complex128]
 
@@ -32,7 +34,6 @@ class Rollout:
     heading_rad: Array
     position_m: ComplexArray
     step_m: ComplexArray
-    turn_by_v: Array
     turn_by_w: float
     period_s: float
 
@@ -52,10 +53,10 @@ class Rollout:
         back = self._turned_back(k)
         middle = 0.5 * (self.position_m[:k] + self.position_m[1 : k + 1])
         by_turn = -1j * self.period_s * back * self._seen(middle)
-        by_v = self.turn_by_v[:k] * by_turn - back * self.step_m[:k]
+        by_v = -back * self.step_m[:k]
         turned = np.full(k, -self.period_s)
         return (
-            np.stack([by_v.real, by_v.imag, self.turn_by_v[:k] * turned]),
+            np.stack([by_v.real, by_v.imag, np.zeros(k)]),
             self.turn_by_w * np.stack([by_turn.real, by_turn.imag, turned]),
         )
 
@@ -70,9 +71,13 @@ class Rollout:
 
 
 def roll_out(start: Pose2, v_m_s: Array, w_rad_s: Array, period_s: float, disturbance: MotionDisturbance) -> Rollout:
-    """Motion from ``start``, the pose of {L} in {F}, with (N,) inputs held for one period each."""
-    moving = np.minimum(1.0, np.abs(v_m_s) / FULL_DRIFT_SPEED_M_S)
-    turn = ((1.0 + disturbance.turn_gain) * w_rad_s + disturbance.yaw_rad_s * moving) * period_s
+    """Motion from ``start``, the pose of {L} in {F}, with (N,) inputs held for one period each.
+
+    The yaw stays: a plan need not know how it will fade, since every later one takes off what it then is. The
+    sideways drift, which nothing takes off, fades in proportion to the speed below ``FADING_BELOW_M_S``.
+    """
+    moving = np.minimum(1.0, np.abs(v_m_s) / FADING_BELOW_M_S)
+    turn = ((1.0 + disturbance.turn_gain) * w_rad_s + disturbance.yaw_rad_s) * period_s
     heading = np.empty(turn.size + 1)
     heading[0] = 0.0
     np.cumsum(turn, out=heading[1:])
@@ -81,8 +86,22 @@ def roll_out(start: Pose2, v_m_s: Array, w_rad_s: Array, period_s: float, distur
     position[0] = 0.0
     local = (1.0 + disturbance.gain) * v_m_s + 1j * disturbance.sideways_m_s * moving
     np.cumsum(direction * local * period_s, out=position[1:])
-    fading = np.where(moving < 1.0, np.sign(v_m_s) / FULL_DRIFT_SPEED_M_S, 0.0)
+    fading = np.where(moving < 1.0, np.sign(v_m_s) / FADING_BELOW_M_S, 0.0)
     by_v = direction * (1.0 + disturbance.gain + 1j * disturbance.sideways_m_s * fading) * period_s
-    return Rollout(
-        start, heading, position, by_v, disturbance.yaw_rad_s * fading, 1.0 + disturbance.turn_gain, period_s
-    )
+    return Rollout(start, heading, position, by_v, 1.0 + disturbance.turn_gain, period_s)
+
+
+def features_along(points_l: Array, poses: Array, camera_xyz_m: Array) -> Array:
+    """Features (k, 2n) from k poses.
+
+    Raises:
+        ValueError: a point lies behind the camera.
+    """
+    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    depth = poses[:, :1] - camera_xyz_m[0] + c * points_l[:, 0] - s * points_l[:, 1]
+    if np.any(depth <= 0):
+        raise ValueError("a point behind the camera has no image")
+    across = camera_xyz_m[1] - poses[:, 1:2] - s * points_l[:, 0] - c * points_l[:, 1]
+    seen = np.empty((len(poses), 2 * len(points_l)))
+    seen[:, 0::2], seen[:, 1::2] = across / depth, (camera_xyz_m[2] - points_l[:, 2]) / depth
+    return seen

@@ -25,20 +25,23 @@ class ExtendedStateObserver:
         self.disturbance = np.zeros_like(self.state)
 
     def update(self, measured: Array, v_m_s: float, w_rad_s: float, duration_s: float) -> None:
-        """One explicit Euler step of eq. (eso) over ``duration_s``, with the input of that time.
+        """One Euler step of eq. (eso) over ``duration_s``, with the input of that time.
+
+        The state is carried on to the time of the measurement before the two are compared: compared one frame too
+        early, it would run one frame ahead of the robot.
 
         A measurement with anything missing (NaN) is invalid: the state then moves by the model alone and the
         disturbance is frozen. The estimate is bounded, so that it cannot wind up.
 
         Args:
-            measured: y, (2n+1,): features and θ.
+            measured: y, (2n+1,): features and θ at the end of that time.
         """
         valid = bool(np.isfinite(measured).all())
         at = measured if valid else self.state
         jacobian = extended_interaction_matrix(at[:-1].reshape(-1, 2), self._heights, self._camera)
-        innovation = measured - self.state if valid else np.zeros_like(self.state)
-        rate = jacobian @ [v_m_s, w_rad_s] + self.disturbance + 2 * self._bandwidth * innovation
-        self.state = self.state + duration_s * rate
+        predicted = self.state + duration_s * (jacobian @ [v_m_s, w_rad_s] + self.disturbance)
+        innovation = measured - predicted if valid else np.zeros_like(predicted)
+        self.state = predicted + duration_s * 2 * self._bandwidth * innovation
         estimate = self.disturbance + duration_s * self._bandwidth**2 * innovation
         self.disturbance = np.clip(estimate, -self._bound, self._bound)
 

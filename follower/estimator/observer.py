@@ -1,33 +1,34 @@
-"""Relative state from features and wheels: an extended Kalman filter that knows when it is being disturbed.
+"""Relative state from features and wheels, whatever disturbs the motion.
 
 States are the pose of {L} in {F} and the four disturbances of :class:`follower.motion.MotionDisturbance`.
-Most of the time there is no disturbance: then the four are held close to zero, and the pose is averaged as far as
-the noise allows. When the innovation's mean shifts (:mod:`follower.estimator.onset`) the four are set free, as if
-they had acted since shortly before; each is tied to zero again as soon as zero explains what is seen.
+Several extended Kalman filters run beside each other (:mod:`follower.estimator.hypotheses`): one that expects no
+disturbance averages the pose as far as the noise allows, others have one begin, change or end at some moment. Each
+weighs as much as it explains of what is seen, and the estimate is their weighted mean. Nothing is decided, so that
+nothing can be decided wrongly: a history that turns out better takes over.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.config import EstimatorConfig
-from common.geometry import Array, Pose2, feature_jacobian, features_at, points_in_camera, wrap_angle
+from common.geometry import Array, Pose2
 from common.timing import NS_PER_S
-from follower.estimator.motion_model import DISTURBANCE, POSE, STATES, advance
-from follower.estimator.onset import Onset, OnsetDetector
+from follower.estimator.hypotheses import Branching
+from follower.estimator.motion_model import DISTURBANCE, POSE, STATES, advance, advance_all
 from follower.motion import MotionDisturbance, share_of_drift
 
 Mask = NDArray[np.bool_]
 
 GATE_CHI2 = 16.0  # squared Mahalanobis distance of one point, 2 degrees of freedom: 1 in 3000 good ones is refused
-QUIET_START_S = 0.3  # no onset is believed before the start's own uncertainty has settled
-BETWEEN_ONSETS_S = 0.35
-TIE_AFTER_S = 0.7
-TIE_CHI2 = 2.3  # a disturbance this near to zero, squared in its own standard deviations, is taken for zero
-SETTLED_SHARE = 1 / 9  # of the onset's variance, before zero may be concluded
-CLEAR_SIGMAS = 5.0  # a disturbance beyond so many of its quiet standard deviations is one that can end
-DRIVING = 0.2  # share of the full drift above which disturbances can be told
+BRANCH_EVERY_S = 0.12
+DRIVING = 0.2  # share of the full drift below which disturbances cannot be told
+FADE_DOUBT = 0.7  # how far, of itself, a drift may be from the assumed fading when the speed has fallen to 1/e
+DOUBTED_BELOW_M_S = 0.08  # nobody knows the law by which drifts fade on the way to standstill
+STANDING_M_S = 1e-3
 
 
 class RelativeObserver:
@@ -37,23 +38,21 @@ class RelativeObserver:
         self._points_l = points_l
         self._camera = camera_xyz_m
         self._config = config
-        self._onset_variance = np.square(config.disturbance.onset_sigma)
-        self._quiet_variance = np.square(config.disturbance.quiet_sigma)
-        self._detector = OnsetDetector()
-        self._state = np.zeros(STATES)
-        self._covariance = np.eye(STATES)
-        self._acting = np.zeros((STATES, 4))
-        self._time_ns = self._reset_ns = self._onset_ns = 0
+        self._branching = Branching(config.disturbance)
+        self._walk = np.square(config.disturbance.walk)
+        self._bound = np.array(config.disturbance.bound)
+        self._known = self._branching.begin(np.zeros(3), np.eye(3))
+        self._mean: Array | None = None
+        self._by_disturbance = np.zeros((3, 4))
+        self._time_ns = self._branched_ns = 0
         self._drifting = 0.0
+        self._least_m_s = STANDING_M_S
 
     def reset(self, pose: Pose2, covariance: Array, time_ns: int) -> None:
-        """Begin anew from a pose, its (3, 3) covariance [m, m, rad] and the time they belong to; undisturbed."""
-        self._state = np.concatenate([pose.as_array(), np.zeros(4)])
-        self._covariance = np.zeros((STATES, STATES))
-        self._covariance[POSE, POSE] = covariance
-        self._covariance[DISTURBANCE, DISTURBANCE] = np.diag(self._quiet_variance)
-        self._time_ns = self._reset_ns = self._onset_ns = time_ns
-        self._detector.reset()
+        """Begin anew from a pose, its (3, 3) covariance [m, m, rad] and the time they belong to."""
+        self._known = self._branching.begin(pose.as_array(), covariance)
+        self._mean = None
+        self._time_ns = self._branched_ns = time_ns
 
     @property
     def pose(self) -> Pose2:
@@ -63,7 +62,7 @@ class RelativeObserver:
     @property
     def covariance(self) -> Array:
         """(3, 3), of x [m], y [m], θ [rad]."""
-        return self._covariance[POSE, POSE].copy()
+        return self._known.pose_covariance()
 
     @property
     def disturbance(self) -> MotionDisturbance:
@@ -73,6 +72,13 @@ class RelativeObserver:
     def pose_at(self, time_ns: int, v_m_s: float, w_rad_s: float) -> Pose2:
         """The pose at another time, nearby, if the wheels turn with this twist until then."""
         return _pose(advance(self._state, v_m_s, w_rad_s, (time_ns - self._time_ns) / NS_PER_S)[0])
+
+    @property
+    def _state(self) -> Array:
+        """Expected state (7,)."""
+        if self._mean is None:
+            self._mean = self._known.mean()
+        return self._mean
 
     def predict(self, time_ns: int, v_m_s: float, w_rad_s: float) -> None:
         """Move on to ``time_ns`` with the wheel twist measured since the last call.
@@ -85,17 +91,20 @@ class RelativeObserver:
             raise ValueError(f"the observer is at {self._time_ns} ns and cannot go back to {time_ns} ns")
         if duration_s == 0:
             return
-        self._state, transition = advance(self._state, v_m_s, w_rad_s, duration_s)
-        self._state[2] = wrap_angle(self._state[2])
+        known = self._known
+        known.states, transition = advance_all(known.states, v_m_s, w_rad_s, duration_s)
+        covariances = transition @ known.covariances @ transition.swapaxes(1, 2)
         self._drifting = share_of_drift(v_m_s)
-        noise = np.empty(STATES)
-        still = np.square(self._config.process_noise)
-        noise[POSE] = still + self._config.distance_noise**2 * abs(v_m_s)
-        noise[DISTURBANCE] = np.square(self._config.disturbance.walk) * self._drifting
-        self._covariance = transition @ self._covariance @ transition.T
-        self._covariance.flat[:: STATES + 1] += noise * duration_s
-        self._acting = transition[:, DISTURBANCE] / duration_s
+        noise = np.empty((len(known.states), STATES))
+        noise[:, POSE] = np.square(self._config.process_noise) + self._config.distance_noise**2 * abs(v_m_s)
+        noise[:, POSE] *= duration_s
+        noise[:, DISTURBANCE] = known.kinds * (self._walk * (self._drifting * duration_s))
+        noise[:, 5:] += self._doubt(v_m_s) * known.kinds[:, 2:] * np.square(known.states[:, 5:])
+        covariances.reshape(len(noise), -1)[:, :: STATES + 1] += noise
+        known.covariances = covariances
+        self._by_disturbance = transition[known.likeliest, POSE, DISTURBANCE] / duration_s
         self._time_ns = time_ns
+        self._mean = None
 
     def update(self, features: Array, sigma_normalised: float, heading: tuple[float, float] | None = None) -> Mask:
         """Correct with the features of the image taken at the time of the last predict.
@@ -107,114 +116,104 @@ class RelativeObserver:
                 features, which it may have come from, correct the place alone. None: θ from the features too.
 
         Returns:
-            (n,) whether each point was used; not those unseen or outside the gate.
+            (n,) whether each point was used by the likeliest history; not those unseen or outside its gate.
         """
-        if np.any(points_in_camera(self._points_l, self.pose, self._camera)[:, 2] <= 0):
+        known = self._known
+        seen, slopes, ahead = _look(known.states, self._points_l, self._camera)
+        if not ahead:
             return np.zeros(len(features), dtype=bool)
-        residual = (features - features_at(self._points_l, self.pose, self._camera)) / sigma_normalised
-        jacobian = np.zeros((residual.size, STATES))
-        jacobian[:, POSE] = feature_jacobian(self._points_l, self.pose, self._camera) / sigma_normalised
-        seen: Mask = np.isfinite(residual[:, 0]) & np.isfinite(residual[:, 1])
-        used = self._gate(residual, jacobian, seen)
-        rows = np.repeat(used, 2)
-        values, slopes = residual.reshape(-1)[rows], jacobian[rows]
+        visible = np.isfinite(features[:, 0]) & np.isfinite(features[:, 1])
+        residual = np.where(np.tile(visible, 2), features.T.reshape(-1) - seen, 0.0) / sigma_normalised
+        slopes /= sigma_normalised
+        used, refused_chi2 = _gate(residual, slopes, known.covariances[:, POSE, POSE], visible)
+        if not used.all():
+            rows = np.concatenate([used, used], axis=1)
+            residual, slopes = residual * rows, slopes * rows[:, :, None]
         if heading is not None:
-            slopes[:, 2] = 0.0
-            values = np.append(values, wrap_angle(heading[0] - float(self._state[2])) / heading[1])
-            slopes = np.vstack([slopes, np.eye(STATES)[2] / heading[1]])
-        if values.size:
-            self._correct(values, slopes)
-            self._tie_to_zero()
-        return used
+            slopes[:, :, 2] = 0.0  # θ comes from there alone
+        information = slopes.swapaxes(1, 2) @ slopes
+        vector = (residual[:, None] @ slopes)[:, 0]
+        chi2 = (residual * residual).sum(axis=1) + refused_chi2
+        if heading is not None:
+            apart = np.remainder(heading[0] - known.states[:, 2] + math.pi, 2 * math.pi) - math.pi
+            information[:, 2, 2] += 1.0 / heading[1] ** 2
+            vector[:, 2] += apart / heading[1] ** 2
+            chi2 += np.square(apart / heading[1])
+        self._correct(information, vector, chi2)
+        likeliest = known.likeliest
+        self._branch()
+        self._mean = None
+        return np.asarray(used[likeliest])
 
-    def _gate(self, residual: Array, jacobian: Array, seen: Mask) -> Mask:
-        """Points to use; when most would be refused it is the motion that is wrong, not they."""
-        spread = self._spread(jacobian)
-        inside = _inside(residual, spread, seen)
-        onset = None
-        if self._may_begin():
-            if 2 * inside.sum() < seen.sum():
-                onset = Onset(acting_s=0.1, sideways=1.0, forward=1.0)
-            elif inside.sum() >= 2:
-                rows = np.repeat(inside, 2)
-                onset = self._detector.update(residual[inside], spread[rows][:, rows])
-        if onset is None:
-            return inside
-        if self._has_ended(onset, jacobian):
-            self._set_to_zero(onset.acting_s)
-        else:
-            self._set_free(onset)
-        self._onset_ns = self._time_ns
-        return _inside(residual, self._spread(jacobian), seen)
+    def _correct(self, information: Array, vector: Array, chi2: Array) -> None:
+        """Kalman update in information form: (k, 3, 3) JᵀJ and (k, 3) Jᵀr of whitened rows, (k,) rᵀr."""
+        known = self._known
+        columns = known.covariances[:, :, POSE]
+        mixed = np.eye(3) + information @ columns[:, POSE]
+        right = np.concatenate([vector[:, :, None], information @ columns.swapaxes(1, 2)], axis=2)
+        solved = np.linalg.solve(mixed, right)
+        change = columns @ solved
+        known.states = known.states + change[:, :, 0]
+        known.states[:, DISTURBANCE] = np.clip(known.states[:, DISTURBANCE], -self._bound, self._bound)
+        covariances = known.covariances - change[:, :, 1:]
+        known.covariances = 0.5 * (covariances + covariances.swapaxes(1, 2))
+        explained = (vector * change[:, POSE, 0]).sum(axis=1)
+        known.log_weights = known.log_weights - 0.5 * (chi2 - explained + np.log(np.linalg.det(mixed)))
+        known.log_weights -= known.log_weights.max()
 
-    def _spread(self, jacobian: Array) -> Array:
-        spread: Array = jacobian @ self._covariance @ jacobian.T
-        spread.flat[:: len(spread) + 1] += 1.0
-        return spread
-
-    def _may_begin(self) -> bool:
-        since_s = (self._time_ns - self._onset_ns) / NS_PER_S
-        old_s = (self._time_ns - self._reset_ns) / NS_PER_S
-        return self._drifting > DRIVING and since_s > BETWEEN_ONSETS_S and old_s > QUIET_START_S
-
-    def _set_free(self, onset: Onset) -> None:
-        """Widen the disturbances, as if they had been acting on the pose for a while already."""
-        acted = self._acting * onset.acting_s
-        acted[DISTURBANCE] = np.eye(4)
-        forward, sideways = onset.forward != 0.0, onset.sideways != 0.0
-        widened = self._onset_variance * [forward, sideways, sideways, sideways]
-        self._covariance = self._covariance + (acted * widened) @ acted.T
-
-    def _has_ended(self, onset: Onset, jacobian: Array) -> bool:
-        """Whether the innovation goes to where it would if the disturbance known so far were gone."""
-        value = self._state[DISTURBANCE]
-        if np.all(np.abs(value) < CLEAR_SIGMAS * np.sqrt(self._quiet_variance)):
-            return False
-        without = -jacobian[0::2, POSE].mean(axis=0) @ self._acting[POSE] @ value
-        return bool(without * onset.sideways > 0.0)
-
-    def _set_to_zero(self, acting_s: float) -> None:
-        """End the disturbance, and take back what it moved the pose since it really ended."""
-        back = -acting_s * self._acting[POSE] @ self._state[DISTURBANCE]
-        self._state[POSE] += back
-        self._state[DISTURBANCE] = 0.0
-        pose = self._covariance[POSE, POSE] + 0.25 * np.outer(back, back)
-        self._covariance = np.zeros((STATES, STATES))
-        self._covariance[POSE, POSE] = pose
-        self._covariance[DISTURBANCE, DISTURBANCE] = np.diag(self._quiet_variance)
-
-    def _tie_to_zero(self) -> None:
-        """Conclude, of the disturbance nearest to zero, that it is none, once that can be told."""
-        if self._drifting <= DRIVING or (self._time_ns - self._onset_ns) / NS_PER_S < TIE_AFTER_S:
+    def _branch(self) -> None:
+        since_s = (self._time_ns - self._branched_ns) / NS_PER_S
+        if since_s < BRANCH_EVERY_S:
             return
-        value, variance = self._state[DISTURBANCE], np.diag(self._covariance)[DISTURBANCE]
-        open_to_it = (variance > 4 * self._quiet_variance) & (variance < SETTLED_SHARE * self._onset_variance)
-        distance = np.where(open_to_it, value**2 / variance, np.inf)
-        nearest = int(np.argmin(distance))
-        if distance[nearest] < TIE_CHI2:
-            row = np.zeros(STATES)
-            row[3 + nearest] = 1.0 / np.sqrt(self._quiet_variance[nearest])
-            self._correct(np.array([-value[nearest] * row[3 + nearest]]), row[None])
+        self._branched_ns = self._time_ns
+        if self._drifting > DRIVING:
+            self._known = self._branching.branch(self._known, self._by_disturbance, since_s)
+        else:
+            self._known = self._branching.prune(self._known)
 
-    def _correct(self, residual: Array, jacobian: Array) -> None:
-        """Kalman update with unit measurement noise; the covariance stays symmetric."""
-        projected = jacobian @ self._covariance
-        gain = np.linalg.solve(self._spread(jacobian), projected).T
-        self._state = self._state + gain @ residual
-        self._state[2] = wrap_angle(self._state[2])
-        bound = self._config.disturbance.bound
-        self._state[DISTURBANCE] = np.clip(self._state[DISTURBANCE], np.negative(bound), bound)
-        covariance = self._covariance - gain @ projected
-        self._covariance = 0.5 * (covariance + covariance.T)
+    def _doubt(self, v_m_s: float) -> float:
+        """Variance, relative to a drift's square, that a drop of the speed to the least of late brings."""
+        speed = max(abs(v_m_s), STANDING_M_S)
+        if speed >= DOUBTED_BELOW_M_S:
+            self._least_m_s = DOUBTED_BELOW_M_S
+        slower = max(0.0, math.log(self._least_m_s / speed))
+        self._least_m_s = min(self._least_m_s, speed)
+        return FADE_DOUBT**2 * slower
 
 
-def _inside(residual: Array, spread: Array, seen: Mask) -> Mask:
-    """(n,) whether each point's 2×2 block explains its residual."""
-    a, b, d = spread.diagonal()[0::2], spread.diagonal(1)[0::2], spread.diagonal()[1::2]
-    alpha, beta = residual[:, 0], residual[:, 1]
-    chi2 = (d * alpha**2 - 2 * b * alpha * beta + a * beta**2) / (a * d - b * b)
-    inside: Mask = seen & (chi2 <= GATE_CHI2)
-    return inside
+def _look(states: Array, points_l: Array, camera_xyz_m: Array) -> tuple[Array, Array, bool]:
+    """Features from k states, (k, 2n), all α before all β; their slopes by the pose, (k, 2n, 3); if all lie ahead."""
+    cos, sin = np.cos(states[:, 2:3]), np.sin(states[:, 2:3])
+    x, y = points_l[:, 0], points_l[:, 1]
+    along, left = cos * x - sin * y, sin * x + cos * y
+    depth = states[:, 0:1] + (along - camera_xyz_m[0])
+    if depth.min() <= 0.0:
+        return np.empty(0), np.empty(0), False
+    inverse, count = 1.0 / depth, len(x)
+    seen = np.empty((len(states), 2 * count))
+    seen[:, :count] = (camera_xyz_m[1] - states[:, 1:2] - left) * inverse
+    seen[:, count:] = (camera_xyz_m[2] - points_l[:, 2]) * inverse
+    slopes = np.empty((len(states), 2 * count, 3))
+    twice = np.concatenate([inverse, inverse], axis=1)
+    by_depth = -seen * twice
+    slopes[:, :, 0] = by_depth
+    slopes[:, :count, 1], slopes[:, count:, 1] = -inverse, 0.0
+    slopes[:, :, 2] = -by_depth * np.concatenate([left, left], axis=1)
+    slopes[:, :count, 2] -= along * inverse
+    return seen, slopes, True
+
+
+def _gate(residual: Array, slopes: Array, covariances: Array, visible: Mask) -> tuple[Mask, Array]:
+    """(k, n) which points each history explains, and (k,) what those that it does not are charged."""
+    count = len(visible)
+    by_pose = slopes @ covariances
+    variance = 1.0 + (by_pose * slopes).sum(axis=2)
+    a, d = variance[:, :count], variance[:, count:]
+    b = (by_pose[:, :count] * slopes[:, count:]).sum(axis=2)
+    alpha, beta = residual[:, :count], residual[:, count:]
+    chi2 = (d * alpha * alpha - 2 * b * alpha * beta + a * beta * beta) / (a * d - b * b)
+    used = (chi2 <= GATE_CHI2) & visible
+    return used, GATE_CHI2 * (visible & ~used).sum(axis=1)
 
 
 def _pose(state: Array) -> Pose2:

@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,6 +24,9 @@ _FILES = ("pyproject.toml", "README.md", "LICENSE")
 def install(tree: str, *arguments: str) -> list[str]:
     """The command that installs from a tree of the workshop, out of the folder of wheels."""
     return [f"/mnt/{tree}/deploy/install.sh", *arguments, "--simulated", "--wheels", "/media"]
+
+
+_MACHINES = pytest.StashKey[list[Machine]]()
 
 
 @dataclass
@@ -71,7 +74,7 @@ class Installed:
 
 
 @pytest.fixture(scope="session")
-def workshop() -> Iterator[Workshop]:
+def workshop(request: pytest.FixtureRequest) -> Iterator[Workshop]:
     """Skips with the reason where machines cannot be booted."""
     folder = Path(tempfile.mkdtemp(prefix="davpc-deploy-"))
     reason = why_not(folder)
@@ -81,6 +84,7 @@ def workshop() -> Iterator[Workshop]:
         if reason:
             pytest.skip(reason)
         made = Workshop(folder)
+        request.session.stash[_MACHINES] = made.machines
         try:
             yield made
         finally:
@@ -89,6 +93,18 @@ def workshop() -> Iterator[Workshop]:
         if os.path.ismount(folder):
             subprocess.run(["umount", folder], check=True)
         folder.rmdir()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Show with a failure what its machines logged last."""
+    report = yield
+    for machine in item.session.stash.get(_MACHINES, []):
+        if report.failed and machine.pid:
+            report.sections.append(
+                (f"journal of {machine.name}", machine.journal("-n", "60", "-o", "short-monotonic"))
+            )
+    return report
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,13 @@ from pathlib import Path
 import pytest
 
 BOOT_S = 30.0
-_TOOLS = {"systemd-nspawn": "systemd-container", "nsenter": "util-linux", "ip": "iproute2"}
+_TOOLS = {
+    "systemd-nspawn": "systemd-container",
+    "nsenter": "util-linux",
+    "ip": "iproute2",
+    "udevadm": "udev",
+    "openssl": "openssl",
+}
 _PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 # of several hierarchies systemd's own; of a single one its root
 _CGROUPS = [path for path in map(Path, ("/sys/fs/cgroup/systemd", "/sys/fs/cgroup/unified")) if path.is_dir()]
@@ -120,7 +126,12 @@ class Machine:
         command = ["systemd-nspawn", "-q", "--register=no", "--keep-unit", "-M", self.name, "-D", str(self.root)]
         command += [f"--network-namespace-path=/run/netns/{self._space}"]
         command += [f"--bind-ro={outside}:{inside}" for inside, outside in self._shared.items()]
-        command += ["--capability=CAP_IPC_LOCK", "--system-call-filter=@memlock", "--boot", "--console=pipe"]
+        command += [
+            "--capability=CAP_IPC_LOCK,CAP_NET_ADMIN",
+            "--system-call-filter=@memlock",
+            "--boot",
+            "--console=pipe",
+        ]
         command += ["systemd.unit=multi-user.target"]
         with (self.folder / "console.log").open("ab") as console:
             self._nspawn = subprocess.Popen(

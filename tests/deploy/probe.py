@@ -26,7 +26,7 @@ class Probe:
         self._clock = MonotonicClock()
         self._newest: dict[str, tuple[Header, Any, float]] = {}
         self._lock = threading.Lock()
-        runtime = Path(f"/proc/{machine.pid}/root/run/davpc")
+        runtime = Path("/proc", str(machine.pid), "root", "run/davpc")
         self._bus = Bus("probe", runtime, earlier_processes("probe"))
         channels: list[Channel[Any]] = [DRIVES, MISSION, LEADER_STATE]
         for channel in channels + [health_channel(entry.name) for entry in PROCESSES]:
@@ -54,6 +54,11 @@ class Probe:
         """Whether it said within the last second that it is."""
         health = self.newest(health_channel(process), 1.2)
         return isinstance(health, Health) and health.ready
+
+    def missed(self, process: str) -> int:
+        """Periods that a process has overslept so far."""
+        health = self.newest(health_channel(process), 5.0)
+        return health.missed_periods if isinstance(health, Health) else 0
 
     def is_disarmed(self) -> bool:
         """Whether the bridge lives and no drive is under power."""

@@ -10,16 +10,16 @@ from pathlib import Path
 
 import pytest
 
+from common.config import load_config
 from common.processes import PROCESSES
 from tests.deploy.conftest import INSTALL_S, Installed, Workshop, install
+from tests.deploy.docking import TARGET, dock
 from tests.deploy.machines import Machine, until
 from tests.deploy.probe import Probe
 from tests.deploy.units import SYSTEMD, unit_of
 
 pytestmark = pytest.mark.alone
 
-DOCKED_S = 120.0
-TARGET = "davpc-follower.target"
 NEEDS_KEYS = ("follower-gateway",)  # and is not started without
 _PLACES = ("/opt/davpc", "/etc/davpc", "/etc/systemd/system", "/usr/local/lib", "/usr/local/bin", "/var/lib/davpc")
 _MINE = "# measured on our robots\n"
@@ -92,12 +92,7 @@ def test_a_second_install_and_a_dry_run_change_nothing(machine: Machine) -> None
 
 def test_both_robots_of_a_bench_dock_from_their_units(machine: Machine) -> None:
     machine.must("systemctl", "start", TARGET, "davpc-leader.target")
-    with Probe(machine) as probe:
-        until(probe.is_disarmed, 10, "the bridge to say disarmed")
-        until(lambda: probe.is_well("leader"), 10, "the Leader to be well")
-        probe.dock()
-        until(lambda: probe.phase().split(" ")[0] in ("done", "aborted"), DOCKED_S, "the docking to end")
-        assert probe.phase().startswith("done")
+    dock(machine)
     machine.must("systemctl", "stop", "davpc-leader.target")
 
 
@@ -152,6 +147,31 @@ def test_one_command_goes_back_to_the_release_before(machine: Machine) -> None:
     machine.must("/mnt/v2/deploy/install.sh", "rollback")
     assert (release(machine), release(machine, "previous")) == (older, newer)
     assert_healthy(machine)
+
+
+def test_on_hardware_can_comes_up_by_networkd_and_its_process_waits_for_it(machine: Machine) -> None:
+    machine.must("systemctl", "stop", TARGET)
+    config = machine.root / "etc/davpc/robots.toml"
+    mine = config.read_text()
+    config.unlink()
+    machine.must("/mnt/v1/deploy/install.sh", "leader", "--wheels", "/media", seconds=INSTALL_S)
+    template = load_config(config)
+    assert {bus.interface for bus in (template.follower_can.bus, template.leader_can.bus)} == {"socketcan"}
+    assert template.camera.driver == "mindvision"
+    assert template.world == {}
+    config.write_text(mine)
+
+    assert "sys-subsystem-net-devices-can0.device" in machine.show("davpc-leader.service", "Requires")
+    assert machine.is_active("systemd-networkd.service")
+    assert machine.must("systemctl", "is-enabled", "systemd-networkd").strip() == "enabled"
+    # they name a file of ours only to complain about it
+    assert "80-davpc-can" not in machine.journal("-u", "systemd-networkd")
+    link = machine.must("udevadm", "test-builtin", "net_setup_link", "/sys/class/net/lo")
+    assert 'Parsed configuration file "/usr/local/lib/systemd/network/80-davpc-can.link"' in link
+    assert "80-davpc-can.link:" not in link
+    rules = machine.must("udevadm", "test", "/sys/class/net/lo")
+    assert "Reading rules file: /usr/local/lib/udev/rules.d/70-davpc-camera.rules" in rules
+    assert "70-davpc-camera.rules:" not in rules
 
 
 def test_the_removal_leaves_what_is_yours_and_a_purge_leaves_nothing(machine: Machine) -> None:

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from common.processes import PROCESSES, Process
-from tests.deploy.units import SYSTEMD, VARIANTS, merged, read, unit_of, words
+from station.cli import app
+from tests.deploy.units import ROOT, SYSTEMD, VARIANTS, merged, read, unit_of, words
 
 SAFE = "davpc-safe.target"
+COMPOSE = ROOT / "docker/compose.yaml"
 ROBOTS = ("follower", "leader")
-GATEWAYS = {"follower-gateway": "follower", "leader-gateway": "leader"}
-ROBOT_OF = {entry.name: entry.robot for entry in PROCESSES} | GATEWAYS
 SERVICES = sorted(path.name for path in SYSTEMD.glob("davpc-*.service"))
 EXPOSURE = {"davpc-follower-camera.service": 2.0, "davpc-follower-can-bridge.service": 2.0}
 EXPOSURE_OTHERS = 1.5
@@ -50,14 +50,14 @@ def analyze(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_every_process_has_a_unit_and_every_unit_a_process() -> None:
-    assert sorted(map(unit_of, ROBOT_OF)) == SERVICES
+    assert sorted(unit_of(entry.name) for entry in PROCESSES) == SERVICES
 
 
 @pytest.mark.parametrize("entry", PROCESSES, ids=lambda entry: entry.name)
 def test_a_unit_runs_its_process_with_the_priority_of_the_table(entry: Process) -> None:
     settings = merged(unit_of(entry.name))
     (command,) = settings["Service.ExecStart"]
-    assert re.match(rf"/opt/davpc/current/bin/davpc run {entry.name}( --set |$)", command)
+    assert command == f"/opt/davpc/current/bin/davpc run {entry.name}"
     assert settings["Service.CPUSchedulingPolicy"] == ["fifo"]
     assert settings["Service.CPUSchedulingPriority"] == [str(entry.priority)]
 
@@ -65,7 +65,7 @@ def test_a_unit_runs_its_process_with_the_priority_of_the_table(entry: Process) 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_robots_target_pulls_in_exactly_its_processes_and_takes_them_down(robot: str) -> None:
     target = f"davpc-{robot}.target"
-    units = {unit_of(name) for name, where in ROBOT_OF.items() if where == robot}
+    units = {unit_of(entry.name) for entry in PROCESSES if entry.robot == robot}
     assert words(read(SYSTEMD / target), "Unit.Wants") == units
     assert all(merged(unit)["Unit.PartOf"] == [target] for unit in units)
     assert target in words(read(SYSTEMD / SAFE), "Unit.Conflicts")
@@ -110,6 +110,21 @@ def test_the_real_buses_are_waited_for_and_speak_no_internet_protocol() -> None:
         assert "AF_INET" not in words(settings, "Service.RestrictAddressFamilies")
         waits = read(VARIANTS["hardware"] / f"{unit}.d/60-can0.conf")
         assert waits["Unit.Requires"] == waits["Unit.After"] == ["sys-subsystem-net-devices-can0.device"]
+
+
+def test_the_command_line_lists_the_same_processes(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        app(["processes"])
+    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert sorted(map(unit_of, listed)) == SERVICES
+
+
+def test_the_compose_file_has_a_service_of_the_same_name_for_each_process() -> None:
+    if not COMPOSE.exists():
+        pytest.skip("there is no docker/compose.yaml")
+    services = re.findall(r"^  ([a-z-]+):\n(?:    .*\n)*?    command: \[run, ([a-z-]+)\]$", COMPOSE.read_text(), re.M)
+    assert all(service == process for service, process in services)
+    assert sorted(unit_of(process) for _, process in services) == SERVICES
 
 
 @needs_systemd

@@ -20,7 +20,9 @@ from common.messages import Header, LeaderState, Message, encode
 from common.network_access import OTHER, Robot
 from common.processes import GATEWAYS, PROCESSES
 from tests.conftest import REFERENCE
-from tests.system.conftest import until
+from tests.system.conftest import sim_run, until
+
+__all__ = ["sim_run"]
 
 PKI = Path(__file__).parents[2] / "deploy/pki.sh"
 READY_S = 90.0
@@ -91,12 +93,18 @@ class Gateways:
 
     def start(self, robot: Robot) -> None:
         """Start a robot's gateway."""
-        command = [sys.executable, "-m", "station.cli", "run", GATEWAYS[robot], "--config", str(REFERENCE)]
-        command += ["--runtime", str(self.runtime(robot))]
-        for setting in self.settings:
-            command += ["--set", setting]
-        with (self.folder / f"{robot}.log").open("ab") as log:
-            self.running[robot] = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        self.running[robot] = self.spawned(GATEWAYS[robot], robot, self.folder / f"{robot}.log")
+
+    def spawned(self, name: str, robot: Robot, path: Path) -> subprocess.Popen[bytes]:
+        """A process of the table, run in a robot's mesh, with the file that it logs to."""
+        command = [sys.executable, "-m", "station.cli", "run", name, "--config", str(REFERENCE)]
+        command += ["--runtime", str(self.runtime(robot)), *self.options()]
+        with path.open("ab") as log:
+            return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+
+    def options(self) -> list[str]:
+        """The settings as options of the command line."""
+        return [word for setting in self.settings for word in ("--set", setting)]
 
     def play(self, name: str) -> Bus:
         """A session under the name of a process, in its robot's mesh."""

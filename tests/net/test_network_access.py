@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 from common.channels import CHANNELS, FOLLOWER_SUMMARY, LEADER_STATE, LED_REQUEST, LOCK_REQUEST
 from common.config import Config, ConfigError, NetworkConfig, load_config
 from common.credentials import check_credentials
 from common.gateway import robot_router, site_router
 from common.network_access import OTHER, Robot, exports, robot_access
+from station.cli import app
 from tests.conftest import REFERENCE
 from tests.net.conftest import needs_openssl, pki
 
@@ -122,6 +125,14 @@ def test_a_site_router_keeps_pairs_apart() -> None:
 def test_pairs_that_a_site_router_cannot_tell_apart_are_refused(changes: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         site_router([of_site("a"), of_site("b", **changes)], "site", Path("pki"), ["quic/0.0.0.0:7447"])
+
+
+def test_the_command_line_shows_the_settings_that_the_gateway_opens_with(config: Config) -> None:
+    arguments = ["network", "settings", "leader", "--config", str(REFERENCE), "--runtime", "/run/davpc"]
+    shown = CliRunner().invoke(app, arguments)
+    assert json.loads(shown.output) == robot_router(config.network, "leader", Path("/run/davpc")).settings()
+    refused = CliRunner().invoke(app, ["network", "settings", "station"])
+    assert str(refused.exception) == "no robot 'station'; there are: follower, leader"
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ JOG = ("jog", "--speed", "0.05")
 def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A robot without eyes; its runtime directory."""
     some = tuple(entry for entry in PROCESSES if entry.name in NEEDED)
-    monkeypatch.setattr(children, "PROCESSES", some)
+    monkeypatch.setattr(children, "ONE_MACHINE", some)
     started: children.Children = {}
     with children.runtime_directory() as runtime, children.listening_socket() as server:
         overrides = launcher._with_server([], server)

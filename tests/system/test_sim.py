@@ -143,6 +143,7 @@ def test_a_killed_launcher_takes_its_processes_with_it(sim_run: Any) -> None:
         (("--start", "6,1"), "write 3 numbers"),
         (("--start", "1.2,0,0"), "would stand in the Leader"),
         (("--out", "/proc/nope"), "--out /proc/nope"),
+        (("--attach", "/proc/nope"), "--attach /proc/nope: no robot runs here"),
         (("--set", "supervisor.approach_speed_m_s=5.0"), "supervisor.approach_speed_m_s"),
         (("--set", "camera.rate_hz=20.0"), "three frame periods"),
     ],

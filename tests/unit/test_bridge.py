@@ -105,6 +105,14 @@ def test_a_stall_stops_the_epoch_in_which_it_came_for_good(rig: Rig) -> None:
     assert rig.bridge.cause == "bridge_stalled"
 
 
+def test_armed_and_never_commanded_it_stops_by_name(rig: Rig) -> None:
+    assert rig.run(190) == "armed"
+    assert rig.run(20) == "stopped"
+    assert rig.bridge.cause == "no_command"
+    rig.mission = replace(rig.mission, epoch=rig.mission.epoch + 1)
+    assert rig.run(190) == "armed"
+
+
 def test_faults_are_acknowledged_once_on_request_and_only_disarmed(rig: Rig) -> None:
     rig.mission = replace(rig.mission, resets=1)
     rig.run(3)

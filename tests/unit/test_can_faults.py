@@ -19,10 +19,11 @@ from tests.unit.canbus_rig import Rig, Tap, follower_rig, is_stop, rim_speed
 
 
 class Driving:
-    """A Follower under way through the gate at 0.3 m/s, and a tap on its bus."""
+    """A Follower under way through the gate, at 0.3 m/s unless told otherwise, and a tap on its bus."""
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, speed_m_s: float = 0.3) -> None:
         self.rig = rig
+        self.speed_m_s = speed_m_s
         self.tap = Tap(rig)
         self.gate = Gate(rig.config.limits, rig.config.base, "boot")
         self.sequence = 0
@@ -30,14 +31,16 @@ class Driving:
         for _ in range(100):
             self.decision = self.step()
         assert self.measured.faults == ()
-        assert self.decision.v_m_s == 0.3
+        assert self.decision.v_m_s == speed_m_s
         self.tap.read()
 
     def step(self) -> Decision:
         """Gate, exchange, 10 ms."""
         now_ns, measured, base = self.rig.clock.now_ns(), self.measured, self.rig.config.base
         self.sequence += 1
-        command = seal_command(Command(0.3, 0.0, 1, self.sequence, now_ns, now_ns + 120 * NS_PER_MS, 1, now_ns))
+        command = seal_command(
+            Command(self.speed_m_s, 0.0, 1, self.sequence, now_ns, now_ns + 120 * NS_PER_MS, 1, now_ns)
+        )
         self.decision = self.gate.step(
             now_ns,
             SignedCommand(command, 1, "boot"),
@@ -148,6 +151,20 @@ def test_each_fault_stops_both_wheels(
     assert took_ms <= limit_ms
     assert any(cause in found for found in measured.faults) or (not cause and not measured.faults)
     assert driving.decision.rule == rule or not rule or measured.faults
+
+
+@pytest.mark.parametrize("fault", [_stick, _invert])
+@pytest.mark.parametrize("speed_m_s", [0.03, 0.1])
+def test_an_encoder_that_lies_at_docking_speed_stops_both_wheels(
+    fault: Callable[[Rig], None], speed_m_s: float
+) -> None:
+    with follower_rig() as rig:
+        driving = Driving(rig, speed_m_s)
+        fault(rig)
+        took_ms, _ = driving.stop_ms(within=60)
+        assert took_ms <= 340
+        assert driving.decision.rule in ("measured_stuck", "measured_gap")
+        driving.tap.close()
 
 
 def test_a_stuck_encoder_from_standstill_stops_it() -> None:

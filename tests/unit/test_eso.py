@@ -42,6 +42,16 @@ def test_constant_disturbance_is_found() -> None:
     np.testing.assert_allclose(observer.disturbance, true, atol=1e-4)
 
 
+def test_state_is_neither_ahead_of_the_measurement_nor_behind() -> None:
+    observer, state, period = make(2.0), STATE.copy(), 1 / 60
+    observer.reset(state)
+    for _ in range(240):
+        state = state + period * (jacobian(state) @ [0.3, 0.05])
+        observer.update(state, 0.3, 0.05, period)
+    a_frame = np.abs(period * (jacobian(state) @ [0.3, 0.05])).max()
+    assert np.abs(observer.state - state).max() < 0.15 * a_frame
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.floats(0.5, 6.0), st.integers(0, 10_000))
 def test_error_keeps_the_papers_bound(bandwidth: float, seed: int) -> None:

@@ -1,0 +1,41 @@
+"""A docking of a robot in another machine, repeated only if the host itself stood still."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from tests.deploy.machines import Machine, until
+from tests.deploy.probe import Probe
+
+TARGET = "davpc-follower.target"
+DOCKED_S = 120.0
+_TRIES = 3
+# so many periods of 1/60 s in which the simulated drives did not run: the bridge calls them silent, rightly
+_STALL_PERIODS = 3
+
+
+def dock(machine: Machine, on_approach: Callable[[Probe], None] = lambda _: None) -> None:
+    """Dock from the world's start to the end, with ``on_approach`` under way; fails unless it is done."""
+    for attempt in range(1, _TRIES + 1):
+        with Probe(machine) as probe:
+            ended, stalled = _dock_once(probe, on_approach)
+        if ended.startswith("done"):
+            return
+        if attempt == _TRIES or not stalled:
+            pytest.fail(f"the docking ended as: {ended}")
+        machine.must("systemctl", "restart", TARGET)
+        until(lambda: machine.is_active(TARGET), 30, "the Follower after a restart")
+
+
+def _dock_once(probe: Probe, on_approach: Callable[[Probe], None]) -> tuple[str, bool]:
+    until(lambda: probe.is_disarmed() and probe.is_well("world"), 15, "the bridge to say disarmed")
+    until(lambda: probe.is_well("leader"), 20, "the Leader to be heard")
+    before = probe.missed("world")
+    probe.dock()
+    until(lambda: probe.phase().split(" ")[0] not in ("", "idle", "acquire"), 20, "the docking to begin")
+    if probe.phase() == "approach":
+        on_approach(probe)
+    until(lambda: probe.phase().split(" ")[0] in ("done", "aborted"), DOCKED_S, "the docking to end")
+    return probe.phase(), probe.missed("world") - before >= _STALL_PERIODS

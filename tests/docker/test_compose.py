@@ -1,0 +1,90 @@
+"""The compose file docks in containers, loses the robots' network on the way, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from common.processes import PROCESSES
+from tests.docker.conftest import ROOT, Deployment, Engine
+from tests.system.test_sim import is_docked
+
+COMPOSE = (ROOT / "docker/compose.yaml").read_text()
+SERVICES = re.findall(
+    r"^  ([a-z-]+):$", COMPOSE.partition("\nservices:")[2].partition("\nnetworks:")[0], re.MULTILINE
+)
+# what a process says when the machine stood still for so long that it, rightly, stopped the robot
+STALLS = ("_age", "is silent", "late")
+TRIES = 4
+Start = Callable[[], Deployment]
+
+
+def test_the_services_are_the_processes_with_an_authority_and_a_station() -> None:
+    assert sorted(SERVICES) == sorted([*(entry.name for entry in PROCESSES), "authority", "station"])
+    for entry in PROCESSES:
+        assert f"command: [run, {entry.name}]\n" in COMPOSE
+        assert f"test: [CMD, alive.sh, {entry.name}]" in COMPOSE
+
+
+@pytest.fixture
+def start(engine: Engine, tmp_path: Path) -> Iterator[Start]:
+    """Starts deployments, and takes each down before the next."""
+    running: list[Deployment] = []
+
+    def begin() -> Deployment:
+        for deployment in running:
+            deployment.down()
+        running.append(Deployment(engine, f"davpc{len(running)}", tmp_path / f"out{len(running)}"))
+        return running[-1]
+
+    yield begin
+    for deployment in running:
+        deployment.down()
+    for what in ("container", "volume", "network"):
+        names = engine.docker(
+            what, "ls", "--quiet", *(["--all"] if what == "container" else []), "--filter", "name=davpc"
+        )
+        assert names == "", what
+
+
+def cut_and_heal(deployment: Deployment) -> None:
+    """Take the Leader off the robots' network during the approach, until the Follower has noticed."""
+    network, gateway = f"{deployment.project}_robots", deployment.container("leader-gateway")
+    deployment.wait_for("approach")
+    heard = deployment.output().count("leader-gateway is heard")
+    lost = deployment.output().count("leader-gateway is not heard")
+    deployment.engine.docker("network", "disconnect", network, gateway)
+    deployment.wait_for("leader-gateway is not heard", lost + 1)
+    deployment.engine.docker("network", "connect", "--alias", "leader", network, gateway)
+    deployment.wait_for("leader-gateway is heard", heard + 1)
+
+
+@pytest.mark.alone
+@pytest.mark.timeout(1800)
+def test_it_docks_although_the_robots_network_is_cut_in_the_approach(start: Start) -> None:
+    for _ in range(TRIES):
+        deployment = start()
+        cut_and_heal(deployment)
+        code = deployment.finish()
+        results = deployment.results()
+        if code == 0 or not any(word in f"{results['cause']}" for word in STALLS):
+            break
+    assert code == 0, deployment.output()[-6000:]
+    assert is_docked(results), results
+    for service in SERVICES:
+        user = deployment.engine.docker("inspect", "--format", "{{.Config.User}}", deployment.container(service))
+        assert user.strip() == "1000:1000"
+
+
+@pytest.mark.alone
+@pytest.mark.timeout(900)
+def test_a_killed_container_ends_the_docking_by_name(start: Start) -> None:
+    deployment = start()
+    deployment.wait_for("approach")
+    deployment.engine.docker("kill", deployment.container("follower-estimator"))
+    assert deployment.finish() != 0
+    if (deployment.out / "results.json").exists():
+        assert not deployment.results()["connected"]
