@@ -158,7 +158,7 @@ def test_a_users_mistake_is_one_line_and_exit_code_2(sim_run: Any, arguments: tu
 
 
 def test_leds_out_of_view_end_by_name_with_results(sim_run: Any) -> None:
-    run = sim_run("--stepped", "--start", "3,0,180")
+    run = sim_run("--stepped", "--start", "3,0,180", "--set", "supervisor.search_turn_deg=5.0")
     assert run.finish() == 1, "".join(run.lines)
     results = run.results()
     assert results["cause"] == "leds_lost: 3 searches"
