@@ -55,8 +55,13 @@ def test_the_other_robot_may_what_the_channel_table_says(config: Config, robot: 
 
 def test_the_leaders_state_and_the_lock_are_what_a_docking_needs() -> None:
     assert f"davpc/{LEADER_STATE.key}" in exports("leader", "davpc").states
-    assert exports("leader", "davpc").requests == (f"davpc/{LOCK_REQUEST.key}",)
+    assert f"davpc/{LOCK_REQUEST.key}" in exports("leader", "davpc").requests
     assert exports("follower", "davpc").requests == ()
+
+
+def test_the_guide_names_what_crosses() -> None:
+    guide = (REFERENCE.parents[2] / "docs/network.md").read_text()
+    assert all(f"`{channel.key}`" in guide for channel in CHANNELS if channel.reach == "pair")
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
