@@ -60,6 +60,11 @@ def test_the_leaders_state_and_the_lock_are_what_a_docking_needs() -> None:
     assert exports("follower", "davpc").requests == ()
 
 
+def test_the_guide_names_what_crosses() -> None:
+    guide = (REFERENCE.parents[2] / "docs/network.md").read_text()
+    assert all(f"`{channel.key}`" in guide for channel in CHANNELS if channel.reach == "pair")
+
+
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_everything_that_is_not_said_is_denied_and_off(config: Config, robot: Robot) -> None:
     settings = robot_router(config.network, robot, Path("/run/davpc")).settings()
