@@ -112,3 +112,24 @@ def test_devices_that_are_missing_are_findings(tmp_path: Path) -> None:
     assert "can-none" in seen["CAN follower"]["seen"]
     assert seen["CAN nodes follower"]["status"] == "failed"
     assert not any("leader" in check for check in seen)
+
+
+def test_a_device_that_hangs_does_not_keep_it(tmp_path: Path) -> None:
+    """A driver call that never comes back, and holds a thread that cannot be ended."""
+    script = """
+import sys, threading
+from station import cli, doctor_probes, doctor_visit
+doctor_visit._PROBE_S = 0.5
+doctor_probes.can_link = lambda channel: threading.Event().wait()
+cli.main()
+"""
+    options = ["--json", "--no-devices", "--robot", "leader", "--runtime", str(tmp_path)]
+    options += ["--set", "leader_can.bus={interface='socketcan', channel='can0'}"]
+    done = subprocess.run(
+        [sys.executable, "-c", script, "doctor", *options], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 1, done.stderr
+    findings = {finding["check"]: finding for finding in json.loads(done.stdout)["findings"]}
+    assert "no answer within" in findings["CAN leader"]["seen"]
+    assert findings["CAN nodes leader"]["seen"] == "because --no-devices"
+    assert "clock" in findings, "what comes after it is looked at all the same"
