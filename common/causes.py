@@ -1,8 +1,8 @@
 """Why a docking ended: every code, what it means, how it stops, and what a person does about it.
 
 A cause on the wire is ``code`` or ``code: detail``. Reactions are those of the safety concept: **S1** stops and
-disarms, a new docking may begin at once; **S2** stops and latches until a person has reset it. With anything in
-contact the grippers and the lock stay as they are.
+disarms, a new docking may begin at once; **S2** stops and latches until a person has reset it. Whatever ends one
+in contact latches too, and the grippers and the lock stay as they are.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@
 # to the one before. /etc/davpc is yours: a file that is there is never touched.
 # If an upgraded robot does not come up healthy, the release before is put back. A second run changes nothing.
 set -euo pipefail
+umask 022
 
 TREE=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 OPT=/opt/davpc
@@ -25,6 +26,7 @@ PYTHON=${PYTHON:-/usr/bin/python3}
 HEALTHY_S=5        # so long every process must run without a restart
 HEALTH_WAIT_S=40   # within this
 BORROWED=davpc-packages.pth
+VENDOR=/usr/local/lib/davpc # Python modules of device vendors, put there by hand
 PACKAGED=(common follower leader sim station experiments deploy docs pyproject.toml README.md LICENSE)
 
 dry_run="" wheels="" variant=hardware start="" restart="" purge="" changed=0 last_but_one=""
@@ -32,7 +34,13 @@ dry_run="" wheels="" variant=hardware start="" restart="" purge="" changed=0 las
 say() { echo "davpc: $*"; }
 die() { echo "davpc: $*" >&2; exit 2; }
 run() { changed=$((changed + 1)); if [ -n "$dry_run" ]; then echo "  would run: $*"; else "$@"; fi; }
-need_root() { [ "$(id -u)" = 0 ] || [ -n "$dry_run" ] || die "run as root: sudo $0 $*"; }
+
+alone_as_root() { # for what changes the machine
+  [ -z "$dry_run" ] || return 0
+  [ "$(id -u)" = 0 ] || die "run as root: sudo $0 $*"
+  exec 9>/run/davpc-install.lock
+  flock -n 9 || die "another install.sh is at work"
+}
 
 # --- what is there, what is wanted
 
@@ -60,7 +68,7 @@ release_id() {
   echo "$version-$content"
 }
 
-target_of() { [ -r "$ETC/robot" ] && echo "davpc-$(cut -d' ' -f1 "$ETC/robot").target"; }
+target_of() { [ ! -r "$ETC/robot" ] || echo "davpc-$(cut -d' ' -f1 "$ETC/robot").target"; }
 linked() { basename "$(readlink "$OPT/$1" 2>/dev/null || true)"; }
 is_running() { [ -n "$(target_of)" ] && systemctl -q is-active "$(target_of)" 2>/dev/null; }
 
@@ -81,8 +89,9 @@ use_release() { # ID
     [ -z "$(linked current)" ] || point previous "$(linked current)"
     point current "$1"
   fi
-  [ "$(readlink /usr/local/bin/davpc 2>/dev/null)" = "$OPT/current/bin/davpc" ] ||
+  if [ ! -e /usr/local/bin/davpc ] && [ ! -h /usr/local/bin/davpc ]; then
     run ln -s "$OPT/current/bin/davpc" /usr/local/bin/davpc
+  fi
 }
 
 states() { # UNIT...: "name state restarts" of each that is meant to run
@@ -112,7 +121,7 @@ healthy() { # TARGET: every process of it runs, and none has been restarted for 
 }
 
 start_and_check() { # TARGET
-  run systemctl reset-failed
+  run systemctl reset-failed 'davpc-*'
   run systemctl start "$1" || return 1
   [ -n "$dry_run" ] || healthy "$1"
 }
@@ -176,7 +185,7 @@ uninstall() {
   done
   while read -r file; do run rm -f "$file"; done < <(installed_files)
   run find "$LIB/systemd" -depth -type d -name 'davpc*' -exec rmdir {} +
-  [ ! -h /usr/local/bin/davpc ] || run rm -f /usr/local/bin/davpc
+  [ "$(readlink /usr/local/bin/davpc)" != "$OPT/current/bin/davpc" ] || run rm /usr/local/bin/davpc
   run rm -rf "$OPT" /run/davpc
   run systemctl daemon-reload
   ! getent passwd davpc >/dev/null || run userdel davpc
@@ -211,8 +220,8 @@ while [ $# -gt 0 ]; do
   shift
 done
 case $command in
-follower | leader) need_root "$command" && install_robot "$command" ;;
-rollback | uninstall) need_root "$command" && "$command" ;;
+follower | leader) alone_as_root "$command" && install_robot "$command" ;;
+rollback | uninstall) alone_as_root "$command" && "$command" ;;
 wheels) gather_wheels "$folder" ;;
 -h | --help) sed -n '2,/^set /{/^set /d;s/^# \{0,1\}//;p}' "$0" ;;
 *) die "what to do? '$0 --help' lists it" ;;

@@ -46,6 +46,7 @@ class StartRange:
     heading_deg: float
 
 
+_REPORTED = 1  # starts on which nothing was tuned: the baselines' gains come from those of the stream without it
 START_RANGES = {"T": StartRange(4.0, 8.0, 1.5, 45.0), "W": StartRange(2.5, 8.0, 2.0, 60.0)}
 
 _EARLY, _LATE = Pads(2.0, 3.2), Pads(1.6, 2.2)
@@ -131,7 +132,7 @@ def _prompt(config: Config) -> BaseConfig:
 def random_starts(config: Config, case: str, count: int, seed: int) -> list[Pose2]:
     """Poses of {F} in {L} from which every feature is in the image; the same ones for a seed."""
     limits = START_RANGES[case[0]]
-    random = np.random.default_rng([seed, ord(case[0])])
+    random = np.random.default_rng([seed, ord(case[0]), _REPORTED])
     found: list[Pose2] = []
     while len(found) < count:
         behind = random.uniform(limits.nearest_m, limits.farthest_m)

@@ -23,6 +23,7 @@ Model = Literal["rational", "fisheye"]
 Size = tuple[int, int]
 
 _FEWEST_VIEWS = 8
+_SMALLEST_IMAGE_PX = 32  # OpenCV's search raises below some 15
 _FOLDS = 4
 _GRID = 6
 _LEAST_SHARE = 0.55
@@ -80,6 +81,8 @@ class Calibration:
 
 def find_corners(image: Image, board: Board) -> Array | None:
     """Corners (n, 2) [px] of the board in the image, to a few hundredths of a pixel; None if it is not all there."""
+    if min(image.shape) < _SMALLEST_IMAGE_PX:
+        return None
     found, corners = cv2.findChessboardCorners(
         image, (board.columns, board.rows), flags=cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
     )

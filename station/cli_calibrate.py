@@ -13,7 +13,7 @@ import typer
 
 from common.config import Config, ConfigError, default_config_path
 from common.geometry import Array, Pose2
-from station.cli_options import ROBOT, ConfigOption, RuntimeOption, SetOption, loaded, numbers
+from station.cli_options import ROBOT, ConfigOption, RuntimeOption, SetOption, loaded, numbers, writable
 
 if TYPE_CHECKING:
     from station.calibration import Board
@@ -45,6 +45,7 @@ def calibrate_lens(
     kind = _board(board, square_mm)
     if live == (folder is not None):
         raise ConfigError("calibrate camera: name a folder of images, or --live")
+    writable(out)
     if folder is not None:
         (views, size), origin, camera = _photographed(folder, kind), str(folder), serial or "unknown"
     else:
@@ -99,6 +100,7 @@ def view(
 
     robots = loaded(config, overrides)
     x_m, y_m, theta_deg = numbers(pose, 3)
+    writable(out)
     if not runtime.is_dir():
         raise ConfigError(f"{runtime}: no robot runs here")
     views = load_views(out, len(robots.leds.points)) if out.exists() else []
@@ -179,8 +181,7 @@ def _watched(kind: Board, robots: Config, path: Path, runtime: Path) -> tuple[li
 
 def _photographed(folder: Path, kind: Board) -> tuple[list[Array], tuple[int, int]]:
     """Corners of every image of the folder that shows the whole board, and the images' size."""
-    import cv2
-
+    from follower.camera.replay import read_grey
     from station.calibration import find_corners
 
     paths = sorted(path for path in folder.glob("*") if path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp"))
@@ -188,13 +189,13 @@ def _photographed(folder: Path, kind: Board) -> tuple[list[Array], tuple[int, in
         raise ConfigError(f"{folder}: no images (png, jpg, bmp) here")
     views, size = list[Array](), (0, 0)
     for path in paths:
-        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        image = read_grey(path)
         if image is None:
             raise ConfigError(f"{path}: not an image")
         if size not in ((0, 0), (image.shape[1], image.shape[0])):
             raise ConfigError(f"{path}: {image.shape[1]}×{image.shape[0]} px, the others {size[0]}×{size[1]}")
         size = (image.shape[1], image.shape[0])
-        corners = find_corners(np.asarray(image, np.uint8), kind)
+        corners = find_corners(image, kind)
         typer.echo(f"{path.name}: {'board found' if corners is not None else 'no whole board, left out'}")
         if corners is not None:
             views.append(corners)

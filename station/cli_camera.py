@@ -11,7 +11,7 @@ import typer
 
 from common.config import ConfigError, default_config_path
 from common.geometry import Pose2
-from station.cli_options import ROBOT, ConfigOption, RuntimeOption, SetOption, loaded
+from station.cli_options import ROBOT, ConfigOption, RuntimeOption, SetOption, loaded, writable
 
 camera = typer.Typer(no_args_is_help=True, help="Look through the camera. `davpc camera focus`")
 
@@ -30,6 +30,7 @@ def snapshot(
 
     if not cv2.haveImageWriter(str(out)):
         raise ConfigError(f"{out}: no kind of image that can be written: name it .png")
+    writable(out)
     with open_frames(loaded(config, overrides), config or default_config_path(), runtime) as shots:
         image = next(shots).image
     if not cv2.imwrite(str(out), image):
@@ -89,6 +90,7 @@ def teach(
     from station.teach import teach as average
 
     robots = loaded(config, overrides)
+    path = writable(out or Path(taught_name(trolley)))
     if not runtime.is_dir():
         raise ConfigError(f"{runtime}: no robot runs here")
     with Bus(TOOL, runtime, earlier_processes(TOOL), robots.network.namespace) as bus:
@@ -99,7 +101,6 @@ def teach(
         taught = average(robots, trolley, features, poses)
     except TeachError as error:
         raise ConfigError(f"docking {trolley}: {error}") from error
-    path = out or Path(taught_name(trolley))
     save(taught, path)
     summary = {key: value for key, value in asdict(taught).items() if key in ("spread_px", "offset_px", "frames")}
     typer.echo(f"{path}: {summary}; offset_px is how far geometry's image of docking {trolley} lies from it")

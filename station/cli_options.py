@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -31,15 +33,29 @@ def numbers(text: str, count: int) -> tuple[float, ...]:
     """Comma-separated numbers.
 
     Raises:
-        ConfigError: not ``count`` numbers.
+        ConfigError: not ``count`` finite numbers.
     """
     try:
         parsed = tuple(float(part) for part in text.split(","))
     except ValueError:
         parsed = ()
-    if len(parsed) != count:
+    if len(parsed) != count or not all(map(math.isfinite, parsed)):
         raise ConfigError(f"{text!r}: write {count} numbers with commas, such as 6,1.5,0")
     return parsed
+
+
+def writable(out: Path) -> Path:
+    """A file that can be written, asked before the work that fills it.
+
+    Raises:
+        ConfigError: its folder is missing or closed, or it is a folder itself.
+    """
+    folder = out.absolute().parent
+    if not folder.is_dir():
+        raise ConfigError(f"{out}: cannot be written: no folder {folder}")
+    if out.is_dir() or not os.access(out if out.exists() else folder, os.W_OK):
+        raise ConfigError(f"{out}: cannot be written: {'a folder' if out.is_dir() else 'no permission'}")
+    return out
 
 
 def names(text: str, known: tuple[str, ...], what: str) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from common.frame_ring import Image
-from follower.estimator.spots import SATURATED, SpotRule, background, brightest, find_spots
+from follower.estimator.spots import SATURATED, NoisyImageError, SpotRule, background, brightest, find_spots
 
 _CORE = 0.5
 _LAMPS = 12
@@ -38,7 +38,11 @@ class FocusReport:
 def focus_report(image: Image, rule: SpotRule) -> FocusReport:
     """Judge an image (h, w) uint8."""
     level, white = background(image)
-    spots = brightest(find_spots(image, rule), _LAMPS)
+    try:
+        spots = brightest(find_spots(image, rule), _LAMPS)
+    except NoisyImageError:
+        advice = "bright specks everywhere: is the filter in? lower exposure_us or gain"
+        return FocusReport(0.0, 0.0, 0.0, level, 0, advice)
     if not len(spots):
         advice = "overexposed: lower exposure_us or gain" if white > 0.05 else "no spots: LEDs on? lens cap off?"
         return FocusReport(0.0, 0.0, 0.0, level, 0, advice)

@@ -16,6 +16,8 @@ from common.config import ConfigError
 from common.geometry import Pose2
 from station.mount import View
 
+_UNSEEN = (math.nan, math.nan)
+
 
 def load_views(path: Path, leds: int) -> list[View]:
     """Read them.
@@ -28,7 +30,7 @@ def load_views(path: Path, leds: int) -> list[View]:
         views = []
         for entry in table:
             x_m, y_m, theta_deg = (float(value) for value in entry["pose"])
-            features = [(math.nan, math.nan) if point is None else point for point in entry["features"]]
+            features = [_UNSEEN if point is None else point for point in entry["features"]]
             views.append(View(Pose2(x_m, y_m, math.radians(theta_deg)), np.array(features, dtype=np.float64)))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from error
@@ -37,6 +39,9 @@ def load_views(path: Path, leds: int) -> list[View]:
     wrong = [number for number, view in enumerate(views, 1) if view.features.shape != (leds, 2)]
     if wrong:
         raise ConfigError(f"{path}: view {wrong[0]} has not one point for each of the {leds} LEDs")
+    infinite = [number for number, view in enumerate(views, 1) if not _finite(view)]
+    if infinite:
+        raise ConfigError(f"{path}: view {infinite[0]}: pose or points are not finite numbers; a hidden LED is null")
     return views
 
 
@@ -50,3 +55,11 @@ def save_views(views: Sequence[View], path: Path) -> None:
         for view in views
     ]
     path.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+
+
+def _finite(view: View) -> bool:
+    """A LED that was not seen is NaN in both coordinates, never in one."""
+    halves = np.isnan(view.features).any(axis=1) != np.isnan(view.features).all(axis=1)
+    return (
+        bool(np.isfinite(view.relative.as_array()).all()) and not np.isinf(view.features).any() and not halves.any()
+    )

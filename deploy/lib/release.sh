@@ -32,14 +32,15 @@ build_release() { # ID
   run "$PYTHON" -m venv --without-pip "$release"
   run borrow "$environment" "$release"
   # shellcheck disable=SC2046
-  run $(pip_of "$environment") --python "$release/bin/python" install --no-index --no-deps --no-build-isolation "$TREE"
+  run $(pip_of "$environment") --python "$release/bin/python" install --no-index --no-deps --no-build-isolation "$TREE" ||
+    die "davpc itself could not be built; nothing has changed"
   run mkdir -p "$release/share/davpc"
   run cp -r "$TREE/deploy" "$TREE/docs" "$release/share/davpc/"
   run touch "$release/.complete"
 }
 
-borrow() { # ENVIRONMENT RELEASE: the release finds the environment's packages
-  echo "$1"/lib/python3*/site-packages >"$(echo "$2"/lib/python3*/site-packages)/$BORROWED"
+borrow() { # ENVIRONMENT RELEASE: the release finds the environment's packages, and modules of vendors
+  printf '%s\n' "$1"/lib/python3*/site-packages "$VENDOR" >"$(echo "$2"/lib/python3*/site-packages)/$BORROWED"
 }
 
 check_configuration() { # ID; the configuration must be one that this release can read

@@ -99,10 +99,19 @@ class ReplaySource:
             return None
         path = self._files.pop(0)
         self._taken += 1
-        grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        grey = read_grey(path)
         if grey is None:
             raise DeviceError(f"{path}: not an image that OpenCV can read")
-        return path, np.asarray(grey, np.uint8)
+        return path, grey
+
+
+def read_grey(path: Path) -> Image | None:
+    """An image file in grey; None if OpenCV cannot read it, which it tells in two ways."""
+    try:
+        grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    except cv2.error:  # larger than it takes
+        return None
+    return None if grey is None else np.asarray(grey, np.uint8)
 
 
 def _by_number(path: Path) -> list[tuple[int, str]]:

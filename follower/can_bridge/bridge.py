@@ -65,6 +65,7 @@ class Bridge:
         self.cause = ""
         self.epoch = 0
         self.interventions = 0
+        self.intervened: tuple[str, ...] = ()
 
     def step(self, heard: Heard, measured: Measurement) -> Orders:
         """Decide from what was heard and from the last exchange."""
@@ -182,4 +183,5 @@ class Bridge:
         present = tuple(name for name in names if name)
         if present and present != self._last_intervention and self.state in ("armed", "stopped"):
             self.interventions += 1
+            self.intervened = present
         self._last_intervention = present

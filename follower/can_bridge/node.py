@@ -131,6 +131,7 @@ class CanBridgeNode(Node):
             image_to_can_ns=self._image_to_can_ns,
             gate_rule=decision.rule,
             gate_interventions=bridge.interventions,
+            gate_intervened=",".join(bridge.intervened),
             shadow=self._shadow is not None,
         )
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import Array, Pose2, wrap_angle
+from follower.estimator.mirror import MirrorCheck
 from follower.estimator.planar_fit import FitModel, fit
 
 Indices = NDArray[np.intp]
@@ -42,7 +43,8 @@ class Limits:
 
     ``chi2_full``/``chi2_partial`` bound χ² with every LED seen and with one missing; a rival within
     ``margin`` of the best χ² (or below its bound) makes the match ambiguous. With one LED missing, three spots
-    among more than ``most_for_partial`` prove nothing, and neither do three beside a fourth of like brightness.
+    among more than ``most_for_partial`` prove nothing, neither do three beside a fourth of like brightness, nor
+    three that a mirror image explains as well.
     Above ``most_for_loose`` spots ``chi2_full`` falls with their number: so many chances has coincidence.
     """
 
@@ -73,6 +75,7 @@ class Identifier:
     def __init__(self, model: FitModel, limits: Limits) -> None:
         self._model = model
         self._limits = limits
+        self._mirror = MirrorCheck(model)
         points, (t_x, t_y, t_z) = model.points_l, model.camera_xyz_m
         c, s = np.cos(_HEADINGS_RAD)[:, None], np.sin(_HEADINGS_RAD)[:, None]
         # camera coordinates of the LEDs per trial heading, up to the unknown x and y of the array
@@ -119,6 +122,8 @@ class Identifier:
             verdict = self._judge(features, assignments[rows], starts[rows], bound, agrees)
             if isinstance(verdict, Match) and absent and _another_nearby(verdict, features, mass):
                 return "ambiguous"
+            if isinstance(verdict, Match) and absent and agrees is None and self._may_be_mirrored(verdict, features):
+                return "ambiguous"
             if isinstance(verdict, Match) and not absent and agrees is None:
                 return "ambiguous" if self._second_array(verdict, features, mass) else verdict
             if verdict != "no_match":
@@ -145,6 +150,10 @@ class Identifier:
             features[others], assignments[partial], starts[partial], self._limits.chi2_partial, None
         )
         return verdict != "no_match"
+
+    def _may_be_mirrored(self, match: Match, features: Array) -> bool:
+        used = [spot for spot in match.spot_of_led if spot >= 0]
+        return self._mirror.chi2(features[used], match.state) <= self._limits.chi2_partial
 
     def _possible(self, features: Array) -> Indices:
         """Candidates as high in the image as a LED can be."""

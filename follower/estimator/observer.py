@@ -118,10 +118,13 @@ class RelativeObserver:
         Returns:
             (n,) whether each point was used by the likeliest history; not those unseen or outside its gate.
         """
-        known = self._known
-        seen, slopes, ahead = _look(known.states, self._points_l, self._camera)
-        if not ahead:
+        ahead = _array_ahead(self._known.states, self._points_l, self._camera)
+        if not ahead.any():
             return np.zeros(len(features), dtype=bool)
+        if not ahead.all():
+            self._known = self._known.take(np.flatnonzero(ahead))
+        known = self._known
+        seen, slopes = _look(known.states, self._points_l, self._camera)
         visible = np.isfinite(features[:, 0]) & np.isfinite(features[:, 1])
         residual = np.where(np.tile(visible, 2), features.T.reshape(-1) - seen, 0.0) / sigma_normalised
         slopes /= sigma_normalised
@@ -181,14 +184,20 @@ class RelativeObserver:
         return FADE_DOUBT**2 * slower
 
 
-def _look(states: Array, points_l: Array, camera_xyz_m: Array) -> tuple[Array, Array, bool]:
-    """Features from k states, (k, 2n), all α before all β; their slopes by the pose, (k, 2n, 3); if all lie ahead."""
+def _array_ahead(states: Array, points_l: Array, camera_xyz_m: Array) -> Mask:
+    """(k,) whether every LED lies before the camera."""
+    cos, sin = np.cos(states[:, 2:3]), np.sin(states[:, 2:3])
+    depth = states[:, 0:1] - camera_xyz_m[0] + cos * points_l[:, 0] - sin * points_l[:, 1]
+    ahead: Mask = depth.min(axis=1) > 0.0
+    return ahead
+
+
+def _look(states: Array, points_l: Array, camera_xyz_m: Array) -> tuple[Array, Array]:
+    """Features from k states, (k, 2n), all α before all β, and their slopes by the pose, (k, 2n, 3)."""
     cos, sin = np.cos(states[:, 2:3]), np.sin(states[:, 2:3])
     x, y = points_l[:, 0], points_l[:, 1]
     along, left = cos * x - sin * y, sin * x + cos * y
     depth = states[:, 0:1] + (along - camera_xyz_m[0])
-    if depth.min() <= 0.0:
-        return np.empty(0), np.empty(0), False
     inverse, count = 1.0 / depth, len(x)
     seen = np.empty((len(states), 2 * count))
     seen[:, :count] = (camera_xyz_m[1] - states[:, 1:2] - left) * inverse
@@ -200,7 +209,7 @@ def _look(states: Array, points_l: Array, camera_xyz_m: Array) -> tuple[Array, A
     slopes[:, :count, 1], slopes[:, count:, 1] = -inverse, 0.0
     slopes[:, :, 2] = -by_depth * np.concatenate([left, left], axis=1)
     slopes[:, :count, 2] -= along * inverse
-    return seen, slopes, True
+    return seen, slopes
 
 
 def _gate(residual: Array, slopes: Array, covariances: Array, visible: Mask) -> tuple[Mask, Array]:

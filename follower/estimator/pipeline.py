@@ -201,11 +201,12 @@ class Perception:
         unseen_ns = track.unseen_ns + nothing.capture_ns - track.capture_ns
         if track.to_confirm > 0 or unseen_ns > _KEEP_NS or self._settings.method == "paper":
             return None
-        late = unseen_ns > self._settings.coast_ms * NS_PER_MS
-        if late:
+        cause: StateCause = "coasting"
+        if unseen_ns > self._settings.coast_ms * NS_PER_MS:
             anew = self._identified(image, rule, nothing)
             if self._track is not None:
                 return anew
+            cause = anew.cause
         self._track = replace(
             track,
             capture_ns=nothing.capture_ns,
@@ -213,7 +214,7 @@ class Perception:
             unseen_frames=track.unseen_frames + 1,
             unseen_ns=unseen_ns,
         )
-        return replace(nothing, cause="few_leds" if late else "coasting", spots=spots)
+        return replace(nothing, cause=cause, spots=spots)
 
     def _nearest(
         self, image: Image, rule: SpotRule, track: _Track, twist: tuple[float, float], elapsed_s: float

@@ -60,7 +60,7 @@ class Approach(PhaseLogic):
         self._last_seen_ns: list[int] = [now_ns] * len(attempt.desired)
         self._nearest_m = math.inf
         self._nearest_s = 0.0
-        self._driven_s = 0.0
+        self._driven_s = self._allowed_s = 0.0
         self._before_ns = now_ns
 
     def step(self, seen: Observed) -> Orders | Verdict:
@@ -75,6 +75,10 @@ class Approach(PhaseLogic):
         if self._pause.on:
             return self._paused(seen)
         self._driven_s += elapsed_s
+        # slowed down for a missing LED it may take as much longer
+        self._allowed_s += elapsed_s * (
+            self.limits.reduced_speed_m_s / self.limits.approach_speed_m_s if missing else 1.0
+        )
         state = seen.state
         assert state is not None  # or it would pause
         if self._settled(state, seen.now_ns) >= self.attempt.config.docking.settle_s:
@@ -134,7 +138,7 @@ class Approach(PhaseLogic):
             cause = "overshot"
         elif self._driven_s - self._nearest_s > limits.stall_timeout_s:
             cause = "no_progress"
-        elif self._driven_s > limits.approach_timeout_s:
+        elif self._allowed_s > limits.approach_timeout_s:
             cause = "approach_timeout"
         else:
             return None

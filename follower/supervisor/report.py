@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
-from common.causes import cause_code, needs_reset
+from common.causes import cause_code
 from common.channels import DOCKING_STATE
 from common.config import Config
 from common.geometry import wrap_angle
@@ -18,8 +18,6 @@ from follower.supervisor.observed import Observed
 from follower.supervisor.transitions import ENDED
 
 SCHEMA = "attempt/1"
-# rules of the gate that hold the wheels without anything being wrong
-_BENIGN = frozenset({"", "not_armed", "not_enabled", "no_command"})
 _SERVOED: tuple[Phase, ...] = ("approach",)
 
 
@@ -34,7 +32,7 @@ class _Running:
     phases_s: dict[str, float] = field(default_factory=dict)
     rules: Counter[str] = field(default_factory=Counter)
     pauses: Counter[str] = field(default_factory=Counter)
-    rule: str = ""
+    intervened: int = 0
     waiting: str = ""
     set_before: tuple[float, float] | None = None
     arrival: dict[str, float] | None = None
@@ -65,7 +63,7 @@ class AttemptReport:
         if phase not in ENDED:
             return None
         self._running = None
-        return self._record(running, seen.now_ns, phase, attempt, mission.cause)
+        return self._record(running, seen.now_ns, mission, attempt)
 
     def _change(self, running: _Running, seen: Observed, phase: Phase, attempt: Attempt) -> None:
         spent_s = (seen.now_ns - running.since_ns) / NS_PER_S
@@ -80,14 +78,15 @@ class AttemptReport:
         running.set_before = None
 
     def _count_gate(self, running: _Running, drives: Drives | None) -> None:
+        """Interventions by the rules they were for; of several within one step all count for the last one's."""
         if drives is None:
             return
-        if running.interventions is None:
-            running.interventions = drives.gate_interventions
-        if drives.gate_rule != running.rule and drives.gate_rule not in _BENIGN:
-            running.rules[drives.gate_rule] += 1
-        running.rule = drives.gate_rule
-        running.rules["any"] = max(running.rules["any"], drives.gate_interventions - running.interventions)
+        if running.interventions is not None:
+            more = max(0, drives.gate_interventions - running.interventions)
+            for rule in drives.gate_intervened.split(",") if more else ():
+                running.rules[rule or "unnamed"] += more
+            running.intervened += more
+        running.interventions = drives.gate_interventions
 
     def _count_pause(self, running: _Running, waiting: str) -> None:
         if waiting and not running.waiting:
@@ -123,22 +122,22 @@ class AttemptReport:
     def _least(self, running: _Running, name: str, value: float) -> None:
         running.margins[name] = min(value, running.margins.get(name, math.inf))
 
-    def _record(self, running: _Running, now_ns: int, phase: Phase, attempt: Attempt, cause: str) -> dict[str, Any]:
+    def _record(self, running: _Running, now_ns: int, mission: Mission, attempt: Attempt) -> dict[str, Any]:
         return {
             "schema": SCHEMA,
             "trolley": attempt.trolley,
             "epoch": attempt.epoch,
             "method": self._config.controller.method,
-            "docked": phase == "done",
-            "cause": cause,
-            "code": cause_code(cause),
-            "needs_reset": phase == "aborted" and needs_reset(cause),
+            "docked": mission.phase == "done",
+            "cause": mission.cause,
+            "code": cause_code(mission.cause),
+            "needs_reset": mission.needs_reset,
             "duration_s": round((now_ns - running.begin_ns) / NS_PER_S, 3),
             "phases_s": running.phases_s,
             "arrival": running.arrival,
             "connected": running.connected,
             "margins": {name: round(value, 4) for name, value in running.margins.items()},
-            "gate": {"interventions": running.rules.pop("any", 0), "rules": dict(running.rules)},
+            "gate": {"interventions": running.intervened, "rules": dict(running.rules)},
             "retries": attempt.retries,
             "searches": attempt.searches,
             "pauses": dict(running.pauses),

@@ -26,10 +26,12 @@ from follower.supervisor.reckoning import PoseReckoning
 from follower.supervisor.transitions import ENDED, FREE, IN_CONTACT, Event, next_phase
 
 _SILENT_NS = NS_PER_S // 4
-# what passes by itself: somebody was late, the bridge too (its drives then stopped by their own watchdog, S1)
+# what passes by itself: somebody was late, or the machine stood still
 REARMING_CAUSES: Final = frozenset(
     {"command_age", "valid_until", "token_age", "status_age", "arm_setpoint_age", "bridge_stalled"}
 )
+# a longer step was a stall of this process: it says nothing of the others
+_LONGEST_STEP_NS = NS_PER_S // 10
 _LOGIC: Final[dict[Phase, type[PhaseLogic]]] = {
     "staging": Staging,
     "acquire": Acquire,
@@ -61,7 +63,8 @@ class DockingSequence:
         self._logic: PhaseLogic | None = None
         self._cause = ""
         self._resets = 0
-        self._drives_seen_ns = 0
+        self._before_ns: int | None = None
+        self._drives_silent_ns = 0
         self._reckoning = PoseReckoning(config.base)
         self._attempt = Attempt(config, 1, run_id, None, self._reckoning)
 
@@ -87,9 +90,13 @@ class DockingSequence:
 
     def _look(self, seen: Observed) -> None:
         """Follow the Leader by odometry, and by sight while that is where it must be."""
+        elapsed_ns = 0 if self._before_ns is None else seen.now_ns - self._before_ns
+        self._before_ns = seen.now_ns
         if seen.drives is not None:
-            self._drives_seen_ns = seen.now_ns
+            self._drives_silent_ns = 0
             self._reckoning.drive(seen.drives)
+        else:
+            self._drives_silent_ns += min(elapsed_ns, _LONGEST_STEP_NS)
         state = seen.state
         if state is not None and state.valid and (not self._attempt.armed or self._reckoning.agrees(state)):
             self._reckoning.seen(state)
@@ -130,11 +137,16 @@ class DockingSequence:
     def _refusal(self, request: DockRequest, seen: Observed) -> str:
         if self._phase not in ENDED:
             return f"phase {self._phase} is under way"
-        if self._phase == "aborted" and needs_reset(self._cause):
+        if self._latched():
             return f"stopped by {self._cause}: reset first (davpc dock reset)"
         if self._taught is not None and request.trolley not in self._taught:
             return f"docking {request.trolley} is not taught (docking.taught_dir)"
         return seen.unfit
+
+    def _latched(self) -> bool:
+        """After S2, and after whatever ended it in contact: then the trolley still stands there, held."""
+        in_contact = self._attempt.contact_begin_m is not None
+        return self._phase == "aborted" and (in_contact or needs_reset(self._cause))
 
     def _begin(self, trolley: int, seen: Observed) -> None:
         grip = self._attempt.grip
@@ -149,8 +161,8 @@ class DockingSequence:
         if seen.restarted:
             return Verdict("failed", f"restarted: {seen.restarted}")
         if drives is None:
-            silent_ns = seen.now_ns - self._drives_seen_ns
-            return Verdict("failed", "drives_silent") if attempt.armed and silent_ns > _SILENT_NS else None
+            silent = attempt.armed and self._drives_silent_ns > _SILENT_NS
+            return Verdict("failed", "drives_silent") if silent else None
         attempt.enabled = attempt.enabled or attempt.obeyed(drives)
         if not drives.stop_inputs_clear:
             return Verdict("failed", "stop_input")
@@ -213,7 +225,7 @@ class DockingSequence:
             push=orders.push,
             resets=self._resets,
             waiting=orders.waiting[:400],
-            needs_reset=self._phase == "aborted" and needs_reset(self._cause),
+            needs_reset=self._latched(),
             turn_rate_rad_s=orders.turn_rate_rad_s,
         )
 
@@ -231,5 +243,5 @@ class DockingSequence:
             moving=not still or (attempt.armed and orders.motion != "hold"),
             in_contact=held and (self._phase in IN_CONTACT or attempt.contact_begin_m is not None),
             gripped=seen.arms is not None and seen.arms.gripped,
-            needs_reset=self._phase == "aborted" and needs_reset(self._cause),
+            needs_reset=self._latched(),
         )

@@ -20,7 +20,7 @@ from common.frame_source import Capture, FrameSource, frame_source
 from common.node import DeviceError, Inbox, NodeContext
 from common.timing import NS_PER_S, SteppedClock
 from follower.camera.mindvision import MindVisionSource
-from follower.camera.replay import ReplaySource
+from follower.camera.replay import ReplaySource, read_grey
 from follower.camera.v4l2 import V4l2Source
 from tests.contract.fake_cameras import FakeSdk, FakeVideo, FakeYuyv
 
@@ -365,6 +365,14 @@ def test_replay_keeps_its_rate_and_ends(config: Config, tmp_path: Path) -> None:
     assert later.capture_ns == NOW_NS + period_ns
     assert grab(source, NOW_NS + 2 * period_ns)[1] is not None
     assert grab(source, NOW_NS + 9 * period_ns)[1] is None
+
+
+def test_an_image_larger_than_opencv_takes_cannot_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "huge.pgm"
+    path.write_bytes(b"P5\n200000 200000\n255\n")
+    assert read_grey(path) is None
+    cv2.imwrite(str(path), picture())
+    assert np.array_equal(np.asarray(read_grey(path)), picture())
 
 
 def test_replay_counts_numbers_and_goes_on_after_a_broken_image(config: Config, tmp_path: Path) -> None:

@@ -23,7 +23,9 @@ _TOOLS = {
 }
 _PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 # of several hierarchies systemd's own; of a single one its root
-_CGROUPS = [path for path in map(Path, ("/sys/fs/cgroup/systemd", "/sys/fs/cgroup/unified")) if path.is_dir()]
+_CGROUPS = [path for path in map(Path, ("/sys/fs/cgroup/systemd", "/sys/fs/cgroup/unified")) if path.is_dir()] or [
+    Path("/sys/fs/cgroup")
+]
 
 
 def why_not(folder: Path) -> str:
@@ -36,16 +38,21 @@ def why_not(folder: Path) -> str:
     for tool, package in _TOOLS.items():
         if shutil.which(tool) is None:
             return f"{tool} is not installed (package {package})"
-    in_memory = subprocess.run(["mount", "-t", "tmpfs", "davpc", folder], capture_output=True, text=True, check=False)
-    if in_memory.returncode:
-        return f"no tmpfs can be mounted: {in_memory.stderr.strip()}"
     trial = folder / "trial"
-    for name in ("up", "work", "root"):
-        (trial / name).mkdir(parents=True)
-    mounted = _mount_overlay([Path("/")], trial)
-    if mounted.returncode:
-        return f"no overlay of / can be mounted: {mounted.stderr.strip()}"
-    subprocess.run(["umount", trial / "root"], check=True)
+    attempts: dict[str, list[str | Path]] = {
+        "no tmpfs can be mounted": ["mount", "-t", "tmpfs", "davpc", folder],
+        "no folder can be made": ["mkdir", "-p", trial / "up", trial / "work", trial / "root"],
+        "no overlay of / can be mounted": _overlay([Path("/")], trial),
+        "an overlay stays mounted": ["umount", trial / "root"],
+        "no network namespace can be made": ["ip", "netns", "add", trial_name := f"davpc-{os.getpid()}-trial"],
+        "a network namespace stays": ["ip", "netns", "delete", trial_name],
+        "no control group can be made": ["mkdir", *(path / trial_name for path in _CGROUPS)],
+        "a control group stays": ["rmdir", *(path / trial_name for path in _CGROUPS)],
+    }
+    for reason, command in attempts.items():
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            return f"{reason}: {done.stderr.strip()}"
     return ""
 
 
@@ -103,13 +110,12 @@ class Machine:
     ) -> None:
         self.name, self.folder, self._space, self._shared = name, folder, space, dict(shared)
         self.root = folder / "root"
+        self._cgroups = [path / f"davpc-{os.getpid()}-{name}" for path in _CGROUPS]
         self._nspawn: subprocess.Popen[bytes] | None = None
         self.pid = 0
         for part in ("up", "work", "root"):
             (folder / part).mkdir(parents=True)
-        mounted = _mount_overlay([*layers, Path("/")], folder)
-        if mounted.returncode:
-            raise RuntimeError(mounted.stderr)
+        subprocess.run(_overlay([*layers, Path("/")], folder), check=True)
         (self.root / "etc/machine-id").write_text(f"{os.urandom(16).hex()}\n")
         (self.root / "etc/hostname").write_text(f"{name}\n")
         for wants in (self.root / "etc/systemd/system").glob("*.wants"):
@@ -173,7 +179,8 @@ class Machine:
     def cut_power(self) -> None:
         """Everything on it ends at once."""
         assert self._nspawn is not None
-        os.kill(self.pid or self._nspawn.pid, signal.SIGKILL)
+        for pid in [self.pid] if self.pid else self._everybody():
+            os.kill(pid, signal.SIGKILL)
         self._nspawn.wait()
         self._nspawn, self.pid = None, 0
 
@@ -182,18 +189,20 @@ class Machine:
         if self._nspawn is not None:
             self.cut_power()
         subprocess.run(["umount", self.root], check=True)
-        for cgroup in self._cgroups():
+        for cgroup in self._cgroups:
             for path in sorted(cgroup.rglob("*"), reverse=True):
                 if path.is_dir():
                     path.rmdir()
             if cgroup.is_dir():
                 cgroup.rmdir()
 
-    def _cgroups(self) -> list[Path]:
-        return [path / f"davpc-{os.getpid()}-{self.name}" for path in _CGROUPS or [Path("/sys/fs/cgroup")]]
+    def _everybody(self) -> list[int]:
+        """All its processes, nspawn among them: for a machine that did not come so far as to have a first one."""
+        lists = [path.read_text().split() for path in self._cgroups[0].rglob("cgroup.procs")]
+        return [int(pid) for pids in lists for pid in pids]
 
     def _enter_cgroup(self) -> None:
-        for cgroup in self._cgroups():
+        for cgroup in self._cgroups:
             cgroup.mkdir(exist_ok=True)
             (cgroup / "cgroup.procs").write_text(str(os.getpid()))
 
@@ -209,14 +218,10 @@ class Machine:
         return False
 
 
-def _mount_overlay(lower: Sequence[Path], folder: Path) -> subprocess.CompletedProcess[str]:
+def _overlay(lower: Sequence[Path], folder: Path) -> list[str | Path]:
+    """The command that mounts it."""
     options = f"lowerdir={':'.join(map(str, lower))},upperdir={folder / 'up'},workdir={folder / 'work'}"
-    return subprocess.run(
-        ["mount", "-t", "overlay", "overlay", "-o", options, folder / "root"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return ["mount", "-t", "overlay", "overlay", "-o", options, folder / "root"]
 
 
 def _ip(*arguments: str) -> None:

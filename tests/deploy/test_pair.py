@@ -15,7 +15,7 @@ from common.channels import LEADER_STATE
 from common.messages import LeaderState
 from common.processes import PROCESSES
 from tests.deploy.conftest import Installed, Workshop
-from tests.deploy.docking import dock
+from tests.deploy.docking import TARGET, dock
 from tests.deploy.machines import Machine, Network, until
 from tests.deploy.probe import Probe
 from tests.deploy.units import ROOT, merged, unit_of
@@ -129,6 +129,22 @@ def test_a_killed_process_is_back_and_the_robot_disarmed_within_3_s(pair: Pair, 
         print(f"{name}: back after {took:.2f} s")  # noqa: T201 - shown by -s and on failure
         assert took <= RECOVERED_S
         assert machine.is_active(unit_of(name))
+
+
+def test_a_bridge_killed_while_the_robot_drives_comes_back_without_power_and_stays_so(pair: Pair) -> None:
+    with Probe(pair.follower) as probe:
+        until(lambda: leader_ready(probe), 20, "the Leader to be heard")
+        probe.dock()
+        until(lambda: probe.phase() == "approach" and not probe.is_disarmed(), 20, "the robot to drive")
+        before = probe.run_of("follower-can-bridge")
+        pair.follower.must("systemctl", "kill", "--signal=KILL", "davpc-follower-can-bridge.service")
+        took = until(lambda: probe.run_of("follower-can-bridge") != before, 10, "the bridge to come back")
+        took += until(probe.is_disarmed, 10, "the bridge to say disarmed")
+        print(f"bridge killed at speed: disarmed after {took:.2f} s")  # noqa: T201 - shown by -s and on failure
+        assert took <= RECOVERED_S
+        until(lambda: probe.phase().startswith("aborted"), 5, "the docking to be given up")
+        assert probe.is_disarmed()
+    pair.follower.must("systemctl", "restart", TARGET)
 
 
 @pytest.mark.parametrize("name", ["follower-can-bridge", "leader"])

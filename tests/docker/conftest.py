@@ -177,7 +177,7 @@ class Deployment:
 
     def environment(self) -> dict[str, str]:
         """What the compose file is filled in with."""
-        chosen = {"DAVPC_IMAGE": IMAGE, "DAVPC_OUT": str(self.out), "DAVPC_START": "[3.0,0.15,3.0]"}
+        chosen = {"DAVPC_IMAGE": IMAGE, "DAVPC_OUT": str(self.out), "DAVPC_START": "[2.4,0.08,2.0]"}
         return {**self.engine.environment, **chosen}
 
     def container(self, service: str) -> str:

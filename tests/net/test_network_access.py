@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from common.channels import CHANNELS, LEADER_STATE, LOCK_REQUEST
+from common.channels import CHANNELS, FOLLOWER_SUMMARY, LEADER_STATE, LED_REQUEST, LOCK_REQUEST
 from common.config import Config, ConfigError, NetworkConfig, load_config
 from common.credentials import check_credentials
 from common.gateway import robot_router, site_router
@@ -58,7 +58,8 @@ def test_the_other_robot_may_what_the_channel_table_says(config: Config, robot: 
 
 def test_the_leaders_state_and_the_lock_are_what_a_docking_needs() -> None:
     assert f"davpc/{LEADER_STATE.key}" in exports("leader", "davpc").states
-    assert exports("leader", "davpc").requests == (f"davpc/{LOCK_REQUEST.key}",)
+    assert exports("leader", "davpc").requests == (f"davpc/{LOCK_REQUEST.key}", f"davpc/{LED_REQUEST.key}")
+    assert f"davpc/{FOLLOWER_SUMMARY.key}" in exports("follower", "davpc").states
     assert exports("follower", "davpc").requests == ()
 
 

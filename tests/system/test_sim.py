@@ -161,7 +161,7 @@ def test_leds_out_of_view_end_by_name_with_results(sim_run: Any) -> None:
     run = sim_run("--stepped", "--start", "3,0,180")
     assert run.finish() == 1, "".join(run.lines)
     results = run.results()
-    assert results["cause"].startswith("acquire_timeout: LEDs not acquired")
+    assert results["cause"] == "leds_lost: 3 searches"
     assert results["metrics"]["e_p_px"] is None
     assert not any("Traceback" in line for line in run.lines)
 

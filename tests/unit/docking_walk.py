@@ -227,7 +227,8 @@ class DockingWalk:
         assert attempt.pauses <= MAX_PAUSES + 1
         if mission.phase == "aborted":
             assert cause_code(mission.cause) in CAUSES, mission.cause
-            assert mission.needs_reset == needs_reset(mission.cause)
+            held = attempt.contact_begin_m is not None
+            assert mission.needs_reset == (held or needs_reset(mission.cause))
         if was_latched:
             assert mission.phase == "aborted"
         self.latched = mission.needs_reset

@@ -74,12 +74,12 @@ def test_an_aborted_one_names_its_cause_and_what_it_met(bench: Reporting, config
     for _ in range(2):
         bench.step(state=docking_state(config, Pose2(5, 0, 0), valid=False))
         bench.run(0.8, state=valid)
-    bench.step(drives=replace(bench.seen.drives, v_set_m_s=0.02, gate_rule="token_age", gate_interventions=3))
+    bench.step(drives=replace(bench.seen.drives, v_set_m_s=0.02, gate_intervened="token_age", gate_interventions=3))
     bench.ask("abort")
     (record,) = bench.records
     assert (record["docked"], record["code"], record["needs_reset"]) == (False, "operator_abort", False)
     assert record["pauses"] == {"LEDs not acquired (few_leds)": 2}
-    assert record["gate"] == {"interventions": 3, "rules": {"token_age": 1}}
+    assert record["gate"] == {"interventions": 3, "rules": {"token_age": 3}}
     lens = config.camera.lens
     edge = config.camera.width_px - 1 - (lens.cx_px + 0.5 * lens.fx_px)
     assert record["margins"]["field_of_view_px"] == pytest.approx(edge, abs=0.01)

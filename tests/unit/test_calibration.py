@@ -135,6 +135,11 @@ def test_an_image_without_board_has_no_corners() -> None:
     assert find_corners(np.zeros((480, 640), np.uint8), BOARD) is None
 
 
+def test_an_image_too_small_for_a_board_has_no_corners() -> None:
+    for side in (1, 10, 31):
+        assert find_corners(np.zeros((side, 640), np.uint8), Board(9, 6, 0.025)) is None
+
+
 def test_calibration_is_stored_with_whose_it_is(tmp_path: Path) -> None:
     lens = LensConfig(
         model="fisheye", fx_px=420.0, fy_px=421.5, cx_px=639.0, cy_px=511.0, coefficients=(0.02, -4e-3, 1e-7, 0.0)

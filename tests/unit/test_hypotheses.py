@@ -84,6 +84,16 @@ def test_unlikely_ones_are_dropped_but_the_newest_are_given_time() -> None:
     assert np.sum(grown.generations < 4) == 1
 
 
+def test_a_history_that_drove_past_the_array_does_not_blind_the_others() -> None:
+    observer, here, sigma = RelativeObserver(POINTS, CAMERA, CONFIG.estimator), Pose2(2.0, 0.0, 0.0), 0.01
+    observer.reset(here, 1e-4 * np.eye(3), 0)
+    observer._known.states[2, 0] = -1.0
+    assert observer.update(features_at(POINTS, here, CAMERA), sigma).all()
+    assert observer.pose.x_m == pytest.approx(2.0, abs=1e-6)
+    observer.reset(Pose2(-1.0, 0.0, 0.0), 1e-4 * np.eye(3), 0)
+    assert not observer.update(features_at(POINTS, here, CAMERA), sigma).any()
+
+
 @pytest.mark.parametrize("sigma_px", [0.3, 3.0])
 def test_no_change_of_the_disturbance_locks_the_measurement_out(sigma_px: float) -> None:
     """A pad on top of a constant bias, its end, and the bias's end: the images never contradict every hypothesis."""

@@ -91,6 +91,30 @@ def test_three_leds_alone_are_found_if_allowed(config: Config, hidden: int) -> N
     assert found.spot_of_led == tuple(np.insert(np.arange(3), hidden, -1))
 
 
+@pytest.mark.parametrize(
+    ("distance_m", "bearing_rad", "turned_rad"), [(1.8, 0.0, 0.3), (2.4, 0.0, 0.28), (3.5, 0.2, 0.3), (4.4, 0.0, 0.3)]
+)
+def test_three_leds_that_a_mirror_image_explains_are_not_sure(
+    config: Config, distance_m: float, bearing_rad: float, turned_rad: float
+) -> None:
+    """Without the LED that makes the array most asymmetric, a mirror image fits as an array turned away."""
+    place = distance_m * math.cos(bearing_rad), distance_m * math.sin(bearing_rad)
+    identifier = Identifier(model(config), Limits())
+    for points, turn in ((config.leds.points * [1.0, -1.0, 1.0], turned_rad), (config.leds.points, -turned_rad)):
+        three = features_at(points, Pose2(*place, bearing_rad + turn), config.camera.mount)[:3]
+        assert identifier.identify(three, np.full(3, 500.0), True) == "ambiguous"
+
+
+def test_three_leds_where_the_array_was_left_need_no_fourth(config: Config) -> None:
+    pose = Pose2(3.0, 0.0, -0.3)
+    three = features_at(config.leds.points, pose, config.camera.mount)[:3]
+    found = Identifier(model(config), Limits()).identify(
+        three, np.full(3, 500.0), True, lambda states, _: np.abs(states[:, 2] - pose.theta_rad) < 0.2
+    )
+    assert isinstance(found, Match)
+    assert found.spot_of_led == (0, 1, 2, -1)
+
+
 def test_spots_of_quite_another_brightness_are_not_of_one_array(config: Config) -> None:
     features = features_at(config.leds.points, POSES[1], config.camera.mount)
     mass = np.array([500.0, 10.0, 500.0, 10.0])

@@ -79,6 +79,17 @@ def test_a_view_is_the_average_of_a_robot_at_rest(config: Config, tmp_path: Path
         averaged([one + 1e-3 * k for k, one in enumerate(features)], FOCAL_PX)
 
 
+@pytest.mark.parametrize(
+    ("pose", "point"), [("[NaN, 0, 0]", "[0, 0]"), ("[2, 0, Infinity]", "[0, 0]"), ("[2, 0, 0]", "[0, Infinity]")]
+)
+def test_views_that_are_no_numbers_are_named(tmp_path: Path, pose: str, point: str) -> None:
+    path = tmp_path / "views.json"
+    view = '{"pose": [2, 0, 0], "features": [null, [0, 0]]}'
+    path.write_text(f'[{view}, {{"pose": {pose}, "features": [null, {point}]}}]', encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"views\.json: view 2: .* not finite"):
+        load_views(path, 2)
+
+
 def test_untilted_mount_is_the_papers_projection(config: Config) -> None:
     state = np.array([*config.camera.mount, 0.0, 0.0, 0.0])
     assert project(config.leds.points, POSES[1], state) == pytest.approx(

@@ -110,7 +110,7 @@ def test_what_the_wheels_cannot_explain_is_not_believed_until_let_go(config: Con
     refused = [look(sequence) for sequence in range(last + 1, last + 100)]
     assert not any(seen.valid for seen in refused)
     assert refused[0].cause == "coasting"
-    assert refused[-1].cause == "ambiguous"
+    assert {seen.cause for seen in refused} == {"coasting", "ambiguous"}, "bright as ever: no matter of exposure"
     perception.let_go()
     seen = [look(sequence) for sequence in range(last + 100, last + 106)][-1]
     assert seen.valid

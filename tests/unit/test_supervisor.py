@@ -335,12 +335,35 @@ def test_a_late_command_stops_and_the_approach_goes_on_under_a_new_epoch(bench: 
     assert bench.mission.cause == "gate_stop: command_age"
 
 
+def test_after_a_stall_of_the_machine_the_approach_goes_on(bench: Bench) -> None:
+    """Everybody stood still: the supervisor looks before the bridge speaks again, and that has stopped by name."""
+    bench.to_approach()
+    drives = bench.seen.drives
+    assert drives is not None
+    bench.seen = replace(bench.seen, now_ns=bench.seen.now_ns + 2 * NS_PER_S)
+    bench.step(drives=None)
+    bench.step(drives=replace(drives, state="stopped", cause="bridge_stalled"))
+    assert bench.sequence.phase == "acquire"
+    bench.seen = replace(bench.seen, drives=replace(drives, state="disarmed"))
+    assert bench.run(1.0) == "approach"
+
+
 def test_in_contact_a_late_command_ends_the_docking(bench: Bench) -> None:
     bench.to_push()
     assert bench.seen.drives is not None
     bench.step(drives=replace(bench.seen.drives, state="stopped", cause="command_age"))
     assert bench.mission is not None
     assert (bench.sequence.phase, bench.mission.grip) == ("aborted", "closed")
+
+
+def test_what_ends_in_contact_waits_for_a_person(bench: Bench) -> None:
+    bench.to_push()
+    assert bench.ask("abort").outcome == "done"
+    assert bench.mission is not None
+    assert (bench.mission.cause, bench.mission.needs_reset) == ("operator_abort", True)
+    assert "reset first" in bench.ask("start").reason
+    assert bench.ask("reset").outcome == "done"
+    assert bench.ask("start").outcome == "accepted"
 
 
 def test_silent_drives_abort(bench: Bench) -> None:
