@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from common.channels import CHANNELS, LIVE_KEYS, Channel, health_channel, live_key
 from common.config import NetworkConfig
-from common.processes import PROCESSES
+from common.processes import GATEWAYS, PROCESSES
 
 Robot = Literal["follower", "leader"]
 OTHER: Mapping[Robot, Robot] = {"follower": "leader", "leader": "follower"}
@@ -111,6 +111,15 @@ def _certified(names: Sequence[str]) -> dict[str, Any]:
     return {"link_protocols": ["quic"], "cert_common_names": list(names)}
 
 
+def _own_state(robot: Robot, namespace: str) -> list[_Rule]:
+    """What the gateway tells the processes of its own robot, and nobody else, about itself."""
+    keys = [f"{namespace}/{channel.key}" for channel in CHANNELS if channel.publisher == GATEWAYS[robot]]
+    return [
+        *_rule("mesh-gateway-state", "egress", ["put"], keys),
+        *_rule("mesh-gateway-wanted", "ingress", ["declare_subscriber"], keys),
+    ]
+
+
 def robot_access(network: NetworkConfig, robot: Robot) -> dict[str, Any]:
     """Access control of a robot's gateway."""
     space = network.namespace
@@ -118,7 +127,10 @@ def robot_access(network: NetworkConfig, robot: Robot) -> dict[str, Any]:
     both = Exports(ours.states + theirs.states, ours.requests + theirs.requests, ours.tokens + theirs.tokens)
     neighbour = network.site_router or network.of(OTHER[robot]).certificate
     parties = {
-        "mesh": ({"link_protocols": ["unixsock-stream"]}, party_rules("mesh", both, both, space)),
+        "mesh": (
+            {"link_protocols": ["unixsock-stream"]},
+            [*party_rules("mesh", both, both, space), *_own_state(robot, space)],
+        ),
         "neighbour": (_certified([neighbour]), party_rules("neighbour", ours, theirs, space)),
     }
     if network.operators:

@@ -32,7 +32,7 @@ def check_access(robot: str, generated: Mapping[str, Any], namespace: str, runni
     """The rules that the configuration comes to: none lets a robot's own keys out; and the gateway works by them."""
     check = f"access rules {robot}"
     private = {f"{namespace}/{channel.key}" for channel in CHANNELS if channel.reach == "robot"}
-    leaks = sorted(private & {key for rule in generated["rules"] for key in rule["key_exprs"]})
+    leaks = sorted(private & _outside(generated))
     if leaks or not generated["enabled"] or generated["default_permission"] != "deny":
         seen = f"let out {', '.join(leaks)}" if leaks else "not enabled, or not deny by default"
         return failed(check, seen, "stop the gateway: this davpc is not as it was released")
@@ -46,6 +46,14 @@ def check_access(robot: str, generated: Mapping[str, Any], namespace: str, runni
             f"the configuration changed since it started: systemctl restart davpc-{robot}-gateway",
         )
     return ok(check, f"{len(generated['rules'])} rules ({digest}), deny by default, as the gateway works")
+
+
+def _outside(generated: Mapping[str, Any]) -> set[str]:
+    """Keys that any rule gives to somebody who is not of this robot's own mesh of Unix sockets."""
+    mesh = {subject["id"] for subject in generated["subjects"] if subject["link_protocols"] == ["unixsock-stream"]}
+    outside = [policy for policy in generated["policies"] if not set(policy["subjects"]) <= mesh]
+    rules = {identity for policy in outside for identity in policy["rules"]}
+    return {key for rule in generated["rules"] if rule["id"] in rules for key in rule["key_exprs"]}
 
 
 def check_link(robot: str, running: GatewayState | None) -> Finding:

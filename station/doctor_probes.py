@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -45,7 +46,7 @@ def installed_packages() -> dict[str, str]:
 def needed_packages() -> list[str]:
     """Canonical names of what davpc itself needs, without its extras."""
     texts = [text for text in metadata.requires("davpc") or () if "extra ==" not in text]
-    return [canonical(text.split(";")[0].split("[")[0].rstrip(" 0123456789.,<>=!~")) for text in texts]
+    return [canonical(re.split(r"[^A-Za-z0-9._-]", text, maxsplit=1)[0]) for text in texts]
 
 
 def lock_text() -> str | None:

@@ -49,7 +49,10 @@ def test_the_other_robot_may_what_the_channel_table_says(config: Config, robot: 
     assert not [message for _, message, _ in may if message == "delete"]
     stays = {home + channel.key for channel in CHANNELS if channel.reach == "robot"}
     assert stays
-    assert not stays & {key for _, _, key in may | allowed(access, "mesh")}
+    assert not stays & {key for _, _, key in may}
+    own = f"davpc/{robot}/gateway/state"
+    kept = {entry for entry in allowed(access, "mesh") if entry[2] in stays}
+    assert kept == {("egress", "put", own), ("ingress", "declare_subscriber", own)}, "what it tells of itself"
     assert not any("**" in key for _, _, key in may | allowed(access, "mesh"))
 
 

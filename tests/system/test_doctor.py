@@ -21,7 +21,7 @@ from tests.system.conftest import until
 def doctor(*arguments: str) -> tuple[int, dict[str, dict[str, Any]]]:
     """Exit code and findings by check."""
     command = [sys.executable, "-m", "station.cli", "doctor", "--json", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=200, check=False)
     assert "Traceback" not in done.stderr, done.stderr
     table = json.loads(done.stdout)
     assert table["ok"] == (done.returncode == 0)
@@ -43,6 +43,8 @@ def standing() -> Iterator[tuple[Path, list[str]]]:
             command = [sys.executable, "-m", "station.cli", "run", name, *words]
             processes.append(subprocess.Popen(command, stdout=log, stderr=log))
             until(lambda: _listens(port), 60)
+        wanted = [runtime / "frames.ring", *(runtime / f"{name}.sock" for name in logs)]
+        until(lambda: all(path.exists() for path in wanted), 90)
         yield runtime, words
     finally:
         for process in processes:
@@ -68,7 +70,7 @@ def test_beside_running_robots(standing: tuple[Path, list[str]]) -> None:
         seen.update(doctor(*words)[1])
         return seen["processes"]["status"] in ("ok", "warning") and seen["LEDs seen"]["status"] == "ok"
 
-    until(all_run, 120)
+    until(all_run, 90)
     assert seen["camera rate"]["status"] != "skipped"
     assert "sim" in seen["camera rate"]["seen"]
     assert "4 of 4" in seen["LEDs seen"]["seen"]
@@ -112,3 +114,24 @@ def test_devices_that_are_missing_are_findings(tmp_path: Path) -> None:
     assert "can-none" in seen["CAN follower"]["seen"]
     assert seen["CAN nodes follower"]["status"] == "failed"
     assert not any("leader" in check for check in seen)
+
+
+def test_a_device_that_hangs_does_not_keep_it(tmp_path: Path) -> None:
+    """A driver call that never comes back, and holds a thread that cannot be ended."""
+    script = """
+import sys, threading
+from station import cli, doctor_probes, doctor_visit
+doctor_visit._PROBE_S = 0.5
+doctor_probes.can_link = lambda channel: threading.Event().wait()
+cli.main()
+"""
+    options = ["--json", "--no-devices", "--robot", "leader", "--runtime", str(tmp_path)]
+    options += ["--set", "leader_can.bus={interface='socketcan', channel='can0'}"]
+    done = subprocess.run(
+        [sys.executable, "-c", script, "doctor", *options], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 1, done.stderr
+    findings = {finding["check"]: finding for finding in json.loads(done.stdout)["findings"]}
+    assert "no answer within" in findings["CAN leader"]["seen"]
+    assert findings["CAN nodes leader"]["seen"] == "because --no-devices"
+    assert "clock" in findings, "what comes after it is looked at all the same"

@@ -3,6 +3,7 @@ too."""
 
 from __future__ import annotations
 
+import copy
 import threading
 from collections.abc import Callable
 from datetime import date
@@ -292,7 +293,10 @@ def test_access_rules(config: Config) -> None:
     told(check(generated, GatewayState(True, 1e6, rules_digest(generated))), "ok", "as the gateway works")
     other = robot_access(config.network.model_copy(update={"namespace": "elsewhere"}), "follower")
     told(check(generated, GatewayState(True, 1e6, rules_digest(other))), "failed", "restart davpc-follower-gateway")
-    leaking = {**generated, "rules": [*generated["rules"], {"key_exprs": ["davpc/follower/motion/command"]}]}
+    leaking = copy.deepcopy(generated)
+    leaking["rules"].append({"id": "leak", "key_exprs": ["davpc/follower/motion/command"]})
+    policies = {policy["subjects"][0]: policy for policy in leaking["policies"]}
+    policies["neighbour"]["rules"].append("leak")
     told(check(leaking, None), "failed", "davpc/follower/motion/command")
     told(check({**generated, "default_permission": "allow"}, None), "failed", "deny by default")
     told(check({**generated, "enabled": False}, None), "failed", "not enabled")
