@@ -41,10 +41,16 @@ def dock(machine: Machine, on_approach: Callable[[Probe], None] = lambda _: None
 def _dock_once(machine: Machine, probe: Probe, on_approach: Callable[[Probe], None]) -> tuple[str, bool]:
     until(lambda: probe.is_disarmed() and probe.is_well("world"), 15, "the bridge to say disarmed")
     until(lambda: probe.is_well("leader"), 20, "the Leader to be heard")
-    before = probe.missed("world")
+    missed, stood_still = probe.missed("world"), _stalls(machine)
     ask(machine)
     until(lambda: probe.phase().split(" ")[0] not in ("", "idle", "acquire"), 20, "the docking to begin")
     if probe.phase() == "approach":
         on_approach(probe)
     until(lambda: probe.phase().split(" ")[0] in ("done", "aborted"), DOCKED_S, "the docking to end")
-    return probe.phase(), probe.missed("world") - before >= _STALL_PERIODS
+    stalled = probe.missed("world") - missed >= _STALL_PERIODS or _stalls(machine) > stood_still
+    return probe.phase(), stalled
+
+
+def _stalls(machine: Machine) -> int:
+    """How often the bridge said that it had itself stood still."""
+    return machine.journal("-u", "davpc-follower-can-bridge").count("stood still")
