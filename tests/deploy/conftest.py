@@ -16,7 +16,7 @@ from tests.deploy.machines import Machine, Network, why_not
 from tests.deploy.units import ROOT
 
 WHEELS = Path(os.environ.get("DAVPC_WHEELS", ROOT / "out/wheels"))
-INSTALL_S = 150.0
+INSTALL_S = 200.0
 _PARTS = ("common", "follower", "leader", "sim", "station", "experiments", "deploy", "docs")
 _FILES = ("pyproject.toml", "README.md", "LICENSE")
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import secrets
 import threading
 import time
 from functools import partial
@@ -11,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from common.bus import Bus
-from common.channels import DOCK_REQUEST, DRIVES, LEADER_STATE, MISSION, Channel, health_channel
+from common.channels import DRIVES, LEADER_STATE, MISSION, Channel, health_channel
 from common.executor import earlier_processes
-from common.messages import Answer, DockRequest, Header, Health, Message, decode, encode
+from common.messages import Header, Health, Message, decode
 from common.processes import PROCESSES
-from common.timing import NS_PER_S, MonotonicClock
-from tests.deploy.machines import Machine, until
+from common.timing import MonotonicClock
+from tests.deploy.machines import Machine
 
 
 class Probe:
@@ -69,22 +67,6 @@ class Probe:
         """Of the docking; with its cause."""
         mission: Any = self.newest(MISSION)
         return f"{mission.phase} {mission.cause}".strip() if mission else ""
-
-    def dock(self) -> None:
-        """Ask for a docking, again with the same id until the supervisor answers."""
-        now_ns = self._clock.now_ns()
-        request = DockRequest(f"deploy-{secrets.token_hex(4)}", now_ns + 10 * NS_PER_S, "start")
-        payload = encode(request, Header("probe", os.getpid(), 1, now_ns, self._clock.boot_id))
-        answers: list[bytes] = []
-
-        def asked() -> bool:
-            reply = self._bus.request(DOCK_REQUEST, payload, timeout_s=1.0)
-            answers.extend([reply] if reply is not None else [])
-            return bool(answers)
-
-        until(asked, 8, "the supervisor to answer")
-        _, answer = decode(Answer, answers[0])
-        assert answer.outcome == "accepted", answer.reason
 
     def _take(self, channel: Channel[Any], payload: bytes) -> None:
         header, message = decode(channel.message, payload)

@@ -15,7 +15,7 @@ from common.channels import LEADER_STATE
 from common.messages import LeaderState
 from common.processes import PROCESSES
 from tests.deploy.conftest import Installed, Workshop
-from tests.deploy.docking import TARGET, dock
+from tests.deploy.docking import TARGET, ask, dock
 from tests.deploy.machines import Machine, Network, until
 from tests.deploy.probe import Probe
 from tests.deploy.units import ROOT, merged, unit_of
@@ -134,7 +134,7 @@ def test_a_killed_process_is_back_and_the_robot_disarmed_within_3_s(pair: Pair, 
 def test_a_bridge_killed_while_the_robot_drives_comes_back_without_power_and_stays_so(pair: Pair) -> None:
     with Probe(pair.follower) as probe:
         until(lambda: leader_ready(probe), 20, "the Leader to be heard")
-        probe.dock()
+        ask(pair.follower)
         until(lambda: probe.phase() == "approach" and not probe.is_disarmed(), 20, "the robot to drive")
         before = probe.run_of("follower-can-bridge")
         pair.follower.must("systemctl", "kill", "--signal=KILL", "davpc-follower-can-bridge.service")
