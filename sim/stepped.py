@@ -16,7 +16,7 @@ from functools import partial
 from typing import Any
 
 from common.channels import Channel
-from common.messages import Answer, Message
+from common.messages import Answer, Header, Message, decode
 from common.node import Inbox, Node, Outbox, RequestDesk
 from common.timing import NS_PER_MS, SteppedClock
 
@@ -37,6 +37,22 @@ class _Running:
     due: bool = False
 
 
+class _SharedDecoder:
+    """Decodes a payload once for all nodes that receive it: messages are frozen, the checks those of the wire."""
+
+    def __init__(self) -> None:
+        self._newest: dict[type[Any], tuple[bytes, tuple[Header, Any]]] = {}
+
+    def __call__(self, message_type: type[Any], payload: bytes) -> tuple[Header, Any]:
+        """As :func:`common.messages.decode`."""
+        known = self._newest.get(message_type)
+        if known is not None and known[0] is payload:
+            return known[1]
+        decoded: tuple[Header, Any] = decode(message_type, payload)
+        self._newest[message_type] = payload, decoded
+        return decoded
+
+
 class SteppedExecutor:
     """Runs nodes in the order of their events; ties in the order in which the events were made.
 
@@ -47,10 +63,16 @@ class SteppedExecutor:
 
     def __init__(self, nodes: Sequence[Node], clock: SteppedClock) -> None:
         self._clock = clock
+        decoder = _SharedDecoder()
         self._running = [
-            _Running(node, Inbox(clock.boot_id), Outbox(node.name, number, clock.boot_id))
+            _Running(node, Inbox(clock.boot_id, decoder), Outbox(node.name, number, clock.boot_id))
             for number, node in enumerate(nodes, start=1)
         ]
+        self._receivers: dict[str, list[tuple[_Running, bool]]] = {}
+        for running in self._running:
+            wakes = {channel.key for channel in running.node.trigger.wakes}
+            for channel in running.node.inputs:
+                self._receivers.setdefault(channel.key, []).append((running, channel.key in wakes))
         self._events: list[tuple[int, int, Callable[[], None]]] = []
         self._order = itertools.count()
         self._stack = ExitStack()
@@ -117,13 +139,12 @@ class SteppedExecutor:
         elif channel.kind == "request":
             self._at(arrives_ns, partial(self._ask, sender, channel, message, payload))
         else:
-            for receiver in self._running:
-                if any(channel.key == wanted.key for wanted in receiver.node.inputs):
-                    self._at(arrives_ns, partial(self._deliver, receiver, channel, payload))
+            for receiver, wakes in self._receivers.get(channel.key, ()):
+                self._at(arrives_ns, partial(self._deliver, receiver, wakes, channel, payload))
 
-    def _deliver(self, receiver: _Running, channel: Channel[Any], payload: bytes) -> None:
+    def _deliver(self, receiver: _Running, wakes: bool, channel: Channel[Any], payload: bytes) -> None:
         receiver.inbox.put_state(channel, payload, self._clock.now_ns())
-        if any(channel.key == wakes.key for wakes in receiver.node.trigger.wakes):
+        if wakes:
             self._wake(receiver)
 
     def _ask(self, asker: _Running, channel: Channel[Any], message: Any, payload: bytes) -> None:
