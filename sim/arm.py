@@ -173,6 +173,11 @@ class SimulatedArms:
         """A gripper holds the handle."""
         return any(gripper.hold is not None for gripper in self.grippers)
 
+    @property
+    def open(self) -> bool:
+        """Both grippers are wide open and hold nothing."""
+        return all(gripper.hold is None and gripper.angle_rad >= _GRIP_OPEN_RAD for gripper in self.grippers)
+
     def make_slippery(self, side: int) -> None:
         """The handle leaves gripper ``side`` (0 left, 1 right) until that is opened: a fault to inject."""
         self.grippers[side].slippery = True
