@@ -12,9 +12,11 @@ from common.messages import (
     DockingState,
     DockRequest,
     Drives,
+    FollowerSummary,
     Frame,
     Health,
     LeaderState,
+    LedRequest,
     LockRequest,
     Message,
     Mission,
@@ -53,9 +55,11 @@ COMMAND = Channel("follower/motion/command", Command, "follower-controller", 20,
 ARM_SETPOINT = Channel("follower/motion/arm_setpoint", ArmSetpoint, "follower-arms", 100, 100)
 ARM_STATE = Channel("follower/state/arms", ArmState, "follower-arms", 100, 100)
 DRIVES = Channel("follower/state/drives", Drives, "follower-can-bridge", 100, 50)
+FOLLOWER_SUMMARY = Channel("follower/state/summary", FollowerSummary, "follower-supervisor", 10, 500, reach="pair")
 LEADER_STATE = Channel("leader/state", LeaderState, "leader", 10, 500, reach="pair")
 DOCK_REQUEST = Channel("follower/request/dock", DockRequest, "follower-supervisor", 0, 0, kind="request")
 LOCK_REQUEST = Channel("leader/request/lock", LockRequest, "leader", 0, 0, reach="pair", kind="request")
+LED_REQUEST = Channel("leader/request/led", LedRequest, "leader", 0, 0, reach="pair", kind="request")
 
 CHANNELS: tuple[Channel[Any], ...] = (
     FRAME,
@@ -65,9 +69,11 @@ CHANNELS: tuple[Channel[Any], ...] = (
     ARM_SETPOINT,
     ARM_STATE,
     DRIVES,
+    FOLLOWER_SUMMARY,
     LEADER_STATE,
     DOCK_REQUEST,
     LOCK_REQUEST,
+    LED_REQUEST,
 )
 
 

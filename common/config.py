@@ -148,6 +148,7 @@ class DockingConfig(Section):
 
     goal_distance_m: Positive
     trolley_pitch_m: Positive
+    staging_distance_m: Annotated[float, Field(gt=0, le=5, description="behind goal K, where a trolley is taken up")]
     feature_tolerance: Positive
     heading_tolerance_deg: Positive
     settle_s: Positive
@@ -252,6 +253,7 @@ class SupervisorConfig(Section):
 
     approach_speed_m_s: Annotated[float, Field(gt=0, le=0.6)]
     last_metre_speed_m_s: Annotated[float, Field(gt=0, le=0.2)]
+    insert_speed_m_s: Annotated[float, Field(gt=0, le=0.05)]
     push_speed_m_s: Annotated[float, Field(gt=0, le=0.05)]
     push_limit_m: Positive
     retract_speed_m_s: Annotated[float, Field(gt=0, le=0.1)]
@@ -259,7 +261,18 @@ class SupervisorConfig(Section):
     acquire_timeout_s: Positive
     approach_timeout_s: Positive
     lost_timeout_s: Positive
+    stall_timeout_s: Annotated[Positive, Field(description="of an approach that comes no nearer")]
     lock_timeout_s: Annotated[float, Field(gt=0, le=60)]
+    link_timeout_s: Annotated[float, Field(gt=0, le=60, description="for the Leader's word, in contact")]
+    trolley_wait_s: Annotated[float, Field(gt=0, description="standing, before the grippers close")]
+    grip_timeout_s: Positive
+    trolley_timeout_s: Positive
+    search_turn_deg: Annotated[float, Field(gt=0, le=45, description="to each side")]
+    search_rate_rad_s: Annotated[float, Field(gt=0, le=0.3)]
+    search_clearance_m: Annotated[float, Field(ge=0.3, description="to the goal, for turning with a trolley")]
+    reduced_speed_m_s: Annotated[float, Field(gt=0, le=0.1, description="while a LED is missing")]
+    reduced_sigma_m: Annotated[float, Field(gt=0, le=0.05, description="of e_y at the goal, with the LEDs left")]
+    push_visual_tolerance_m: Positive
 
 
 Degrees = tuple[float, float]

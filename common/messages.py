@@ -27,11 +27,27 @@ Torque = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Text = Annotated[str, Field(max_length=400)]
 Point2 = tuple[float, float]
 
-Phase = Literal["idle", "acquire", "approach", "push", "lock", "release", "retract", "done", "aborted"]
+Phase = Literal[
+    "idle",
+    "staging",
+    "acquire",
+    "search",
+    "approach",
+    "insert",
+    "push",
+    "lock",
+    "release",
+    "retract",
+    "done",
+    "aborted",
+]
 PHASES: tuple[Phase, ...] = (
     "idle",
+    "staging",
     "acquire",
+    "search",
     "approach",
+    "insert",
     "push",
     "lock",
     "release",
@@ -146,18 +162,20 @@ class Mission:
     """What the supervisor wants of the Follower's processes; while ``armed`` it is the arm token.
 
     ``motion`` tells the controller: ``servo`` to the desired features, ``straight`` at ``straight_speed_m_s``,
-    or ``hold``. The caps may only lower the configured limits. ``resets`` counts a person's requests to acknowledge
-    faults; the bridge acts on a change while it is disarmed.
+    ``turn`` in place at ``turn_rate_rad_s``, or ``hold``. The caps may only lower the configured limits. ``resets``
+    counts a person's requests to acknowledge faults; the bridge acts on a change while it is disarmed. ``cause`` is
+    why the docking ended (see :mod:`common.causes`), ``waiting`` what it waits for while it goes on;
+    ``needs_reset``: nothing begins before a person has reset it.
     """
 
-    SCHEMA: ClassVar[str] = "mission/1"
+    SCHEMA: ClassVar[str] = "mission/2"
     phase: Phase
     cause: Text
     trolley: Annotated[int, Field(ge=1, le=99)]
     method: Method
     epoch: Count
     armed: bool
-    motion: Literal["hold", "servo", "straight"]
+    motion: Literal["hold", "servo", "straight", "turn"]
     straight_speed_m_s: Speed
     v_max_m_s: Annotated[float, Field(ge=0, le=1)]
     w_max_rad_s: Annotated[float, Field(ge=0, le=2)]
@@ -166,6 +184,9 @@ class Mission:
     grip: Literal["open", "closed"]
     push: bool
     resets: Count
+    waiting: Text = ""
+    needs_reset: bool = False
+    turn_rate_rad_s: Annotated[float, Field(ge=-2, le=2)] = 0.0
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -269,10 +290,34 @@ class Drives:
 
 
 @dataclass(frozen=True, config=STRICT)
-class LeaderState:
-    """LED array, guide, lock and queue of the Leader; its publication is the Leader's heartbeat."""
+class FollowerSummary:
+    """What others may know of the Follower: it leaves the robot, for the Leader's interlock and for people.
 
-    SCHEMA: ClassVar[str] = "leader_state/1"
+    ``moving``: its wheels turn, or may be told to; ``in_contact``: it pushes against guide or queue, or holds a
+    trolley there that is not known to be locked.
+    """
+
+    SCHEMA: ClassVar[str] = "follower_summary/1"
+    phase: Phase
+    cause: Text
+    waiting: Text
+    trolley: Annotated[int, Field(ge=1, le=99)]
+    armed: bool
+    moving: bool
+    in_contact: bool
+    gripped: bool
+    needs_reset: bool
+
+
+@dataclass(frozen=True, config=STRICT)
+class LeaderState:
+    """LED array, guide, lock and queue of the Leader; its publication is the Leader's heartbeat.
+
+    ``queue`` is how many trolleys are locked, None where the Leader does not know: a person has to say.
+    ``led_setpoint_a`` is what the LEDs are told, less than asked for while ``led_derated``.
+    """
+
+    SCHEMA: ClassVar[str] = "leader_state/2"
     ready: bool
     cause: Text
     led_current_a: Annotated[tuple[float, ...], Field(max_length=12)]
@@ -280,7 +325,9 @@ class LeaderState:
     guide: GuideState
     lock: LockState
     actuator_current_a: Annotated[float, Field(ge=0, le=100)]
-    queue: Count
+    queue: Count | None
+    led_setpoint_a: Annotated[tuple[float, ...], Field(max_length=12)] = ()
+    led_derated: bool = False
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -309,13 +356,31 @@ class DockRequest:
 
 @dataclass(frozen=True, config=STRICT)
 class LockRequest:
-    """The supervisor asks the Leader. ``valid_for_ms`` counts from receipt: clocks of two robots never meet."""
+    """The supervisor or a person asks the Leader.
 
-    SCHEMA: ClassVar[str] = "lock_request/1"
+    ``valid_for_ms`` counts from receipt: clocks of two robots never meet.
+    ``lock`` closes behind trolley 1, ``confirm`` asks whether the lock still holds now that ``trolley`` stands in the
+    queue, ``unlock`` lets a queue go and must be ``confirmed`` by a person, ``reset`` clears a lock fault, ``count``
+    says that ``trolley`` trolleys stand in the queue (0: none).
+    """
+
+    SCHEMA: ClassVar[str] = "lock_request/2"
     id: Text
     valid_for_ms: Annotated[int, Field(ge=1, le=60_000)]
-    action: Literal["lock", "unlock"]
-    trolley: Annotated[int, Field(ge=1, le=99)] = 1
+    action: Literal["lock", "confirm", "unlock", "reset", "count"]
+    trolley: Annotated[int, Field(ge=0, le=99)] = 1
+    confirmed: bool = False
+
+
+@dataclass(frozen=True, config=STRICT)
+class LedRequest:
+    """A person sets the current of one LED, or of all; 0 is off, None the configured current."""
+
+    SCHEMA: ClassVar[str] = "led_request/1"
+    id: Text
+    valid_for_ms: Annotated[int, Field(ge=1, le=60_000)]
+    led: Annotated[int, Field(ge=0, lt=12)] | None
+    current_a: Annotated[float, Field(ge=0, le=5)] | None
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -54,7 +54,10 @@ class LeaderSequence:
             self._answers.append(Answer(request.id, "expired", "waited longer than it was valid"))
             return
         refusal = self._refusal(request, seen)
-        if refusal:
+        if request.action == "confirm" and not refusal:
+            self._queue = request.trolley
+            self._answers.append(Answer(request.id, "done", f"still locked, {self._queue} trolleys"))
+        elif refusal:
             self._answers.append(Answer(request.id, "refused", refusal))
         elif (request.action == "lock") == (self._lock == "locked") and self._lock in ("locked", "open"):
             self._answers.append(Answer(request.id, "done", f"already {self._lock}"))
@@ -105,6 +108,10 @@ class LeaderSequence:
             return f"lock fault: {self._cause}"
         if request.action == "lock" and self._lock == "open" and not seen.beam_seated:
             return "no beam in the guide"
+        if request.action == "confirm" and self._lock != "locked":
+            return f"the lock is {self._lock}"
+        if request.action == "confirm" and self._queue not in (request.trolley - 1, request.trolley):
+            return f"{self._queue} trolleys are counted, not {request.trolley - 1}"
         return ""
 
     def _settle(self, lock: LockState, outcome: str, reason: str, now_ns: int) -> None:

@@ -20,8 +20,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 _PHASE_COLOURS: dict[Phase, str] = {
+    "staging": "0.8",
     "acquire": "0.9",
+    "search": "#fbf3c0",
     "approach": "white",
+    "insert": "#fdeedd",
     "push": "#fde0c5",
     "lock": "#cfe8cf",
     "release": "#d5e3f5",

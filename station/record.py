@@ -134,11 +134,11 @@ class DockingRecord:
         return next((stamp for name, stamp in self.phases if name == phase), None)
 
     def end_of_approach(self) -> TrueSample | None:
-        """The truth when the push began, before contact; the last sample if it never did."""
+        """The truth when the insertion began, before contact; the last sample if it never did."""
         if not self.truth:
             return None
-        push_ns = self.phase_start_ns("push")
-        before = [sample for sample in self.truth if push_ns is None or sample.time_ns <= push_ns]
+        insert_ns = self.phase_start_ns("insert")
+        before = [sample for sample in self.truth if insert_ns is None or sample.time_ns <= insert_ns]
         return before[-1] if before else self.truth[0]
 
     def errors(self) -> dict[str, float | None]:

@@ -12,6 +12,7 @@ _RELAX_S = 0.3
 _GLIDE_M_S = 0.10
 _ARRIVED_M = 0.01
 _CLOSE_SETTLE_S = 0.2
+_REST_RAD_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ class GraspSequence:
         self._stage_s = 0.0
         self._reference_m = config.handle_x_m
         self._firmness = 0.0
+        self._angles_rad: tuple[float, float] | None = None
+        self._rest_s = 0.0
 
     def restart(self, handle_x_m: float, angles_rad: tuple[float, float]) -> None:
         """Begin from where grippers and handle are; called while the drives do not obey, so that nothing jumps."""
@@ -52,6 +55,7 @@ class GraspSequence:
     ) -> Grasp:
         """Take one step with the measured finger angles and lift height."""
         self._stage_s += dt_s
+        self._watch_fingers(angles_rad, dt_s)
         following = self._next(self._stage, wanted, angles_rad, lift_m)
         if following != self._stage:
             self._stage, self._stage_s = following, 0.0
@@ -65,6 +69,13 @@ class GraspSequence:
     def released(self, angles_rad: tuple[float, float]) -> bool:
         """Both grippers are open."""
         return all(angle > self._config.grip_open_rad for angle in angles_rad)
+
+    def _watch_fingers(self, angles_rad: tuple[float, float], dt_s: float) -> None:
+        before, self._angles_rad = self._angles_rad, angles_rad
+        moved = (
+            before is None or max(abs(a - b) for a, b in zip(angles_rad, before, strict=True)) > _REST_RAD_S * dt_s
+        )
+        self._rest_s = 0.0 if moved else self._rest_s + dt_s
 
     def _next(self, stage: Stage, wanted: str, angles_rad: tuple[float, float], lift_m: float) -> Stage:
         config = self._config
@@ -83,7 +94,8 @@ class GraspSequence:
         level = abs(lift_m - config.lift_height_m) < _ARRIVED_M
         if stage == "reach" and level and abs(self._reference_m - config.handle_x_m) < _ARRIVED_M:
             return "close"
-        settled = stage == "close" and self._stage_s >= _CLOSE_SETTLE_S
+        # fingers that close on nothing pass through the angles at which they would hold
+        settled = stage == "close" and min(self._stage_s, self._rest_s) >= _CLOSE_SETTLE_S
         return "hold" if settled and self.gripped(angles_rad) else stage
 
     def _wanted(self, stage: Stage, dt_s: float) -> Grasp:

@@ -44,8 +44,11 @@ class PhaseCap:
 _STILL: Final = PhaseCap(0.0, 0.0, 0.0)
 PHASE_CAPS: Final[dict[Phase, PhaseCap]] = {
     "idle": _STILL,
+    "staging": PhaseCap(0.10, 0.30, 0.15),
+    "search": PhaseCap(0.0, 0.30, 0.08),
     "acquire": PhaseCap(0.10, 0.30, 0.15),
     "approach": PhaseCap(0.60, 0.80, 0.60),
+    "insert": PhaseCap(0.05, 0.20, 0.08),
     "push": PhaseCap(0.05, 0.20, 0.08),
     "lock": PhaseCap(0.05, 0.10, 0.06),
     "release": _STILL,

@@ -52,7 +52,7 @@ class DockingController:
     ) -> Twist:
         """The twist to command now.
 
-        Without a state nothing moves for long, and forwards not without a valid one.
+        Without a state nothing moves for long, and forwards not without a valid one; turning in place looks for one.
 
         Args:
             now_ns: the time.
@@ -72,6 +72,10 @@ class DockingController:
             self._plan = None
             wanted = (mission.straight_speed_m_s, 0.0)
             return Twist(*limited(wanted, self._last, self._caps(mission), self._config.limits), "straight")
+        if mission.motion == "turn":
+            self._plan = None
+            wanted = (0.0, mission.turn_rate_rad_s)
+            return Twist(*limited(wanted, self._last, self._caps(mission), self._config.limits), "turn")
         if mission.motion == "straight" or not state.valid:
             return self._replay("no valid state", mission)
         return self._servo(now_ns, state, mission, wheels)

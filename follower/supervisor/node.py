@@ -11,15 +11,18 @@ from common.channels import (
     DOCK_REQUEST,
     DOCKING_STATE,
     DRIVES,
+    FOLLOWER_SUMMARY,
     LEADER_STATE,
     LOCK_REQUEST,
     MISSION,
 )
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
-from follower.supervisor.sequence import DockingSequence, Observed
+from follower.supervisor.observed import Observed
+from follower.supervisor.sequence import DockingSequence
 from follower.supervisor.taught import taught_images
 
+_STEPS_PER_SUMMARY = 2
 _log = logging.getLogger("follower-supervisor")
 
 
@@ -28,7 +31,7 @@ class SupervisorNode(Node):
 
     name = "follower-supervisor"
     inputs = (DOCKING_STATE, DRIVES, ARM_STATE, LEADER_STATE, COMMAND)
-    outputs = (MISSION, LOCK_REQUEST)
+    outputs = (MISSION, FOLLOWER_SUMMARY, LOCK_REQUEST)
     serves = (DOCK_REQUEST,)
     trigger = Trigger(period_ns=NS_PER_S // 20)
 
@@ -41,6 +44,7 @@ class SupervisorNode(Node):
         taught = taught_images(context.config, context.config_path)
         self._sequence = DockingSequence(context.config, context.run_id, taught)
         self._phase = self._sequence.phase
+        self._steps = 0
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
         """One step of the sequence."""
@@ -59,6 +63,9 @@ class SupervisorNode(Node):
             self._phase = self._sequence.phase
             _log.info("phase %s %s", self._phase, decided.mission.cause)
         outputs: list[Output] = [(MISSION, decided.mission)]
+        self._steps += 1
+        if self._steps % _STEPS_PER_SUMMARY == 0:
+            outputs.append((FOLLOWER_SUMMARY, decided.summary))
         outputs += [(DOCK_REQUEST, answer) for answer in decided.answers]
         if decided.lock_request is not None:
             outputs.append((LOCK_REQUEST, decided.lock_request))

@@ -1,60 +1,45 @@
 """The phases of one docking as a pure state machine: what is observed in, the mission out.
 
-``acquire → approach → push → lock → release → retract → done``, and from each ``aborted`` with a named cause.
-It owns the epoch and the arm token; it only withholds or lowers motion, the gate decides what reaches the bus.
+The table of phases is :mod:`follower.supervisor.transitions`; what happens within one is a class of its own. This
+owns the epoch and the arm token; it only withholds or lowers motion, the gate decides what reaches the bus.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from typing import Final
 
+from common.causes import needs_reset
 from common.config import Config
-from common.geometry import Array, features_at
-from common.messages import (
-    Answer,
-    ArmState,
-    DockingState,
-    DockRequest,
-    Drives,
-    LeaderState,
-    LockRequest,
-    Mission,
-    Phase,
-)
+from common.geometry import Array
+from common.messages import Answer, DockRequest, Drives, FollowerSummary, Mission, Phase
 from common.timing import NS_PER_S
+from follower.supervisor.attempt import MAX_REARMED, Attempt, standing
+from follower.supervisor.observed import Decided, Observed, Orders, Verdict
+from follower.supervisor.phase import PhaseLogic
+from follower.supervisor.phase_acquire import Acquire, Search
+from follower.supervisor.phase_approach import Approach
+from follower.supervisor.phase_contact import Insert, Push
+from follower.supervisor.phase_lock import Lock, Release, Retract
+from follower.supervisor.phase_staging import Staging
+from follower.supervisor.reckoning import PoseReckoning
+from follower.supervisor.transitions import ENDED, FREE, IN_CONTACT, Event, next_phase
 
-_CONFIRM_NS = NS_PER_S // 2
 _SILENT_NS = NS_PER_S // 4
-_LOCK_REPEAT_NS = NS_PER_S
-_PUSH_STROKE_SHARE = 0.8
 # what passes by itself: somebody was late
-REARMING_CAUSES = frozenset({"command_age", "valid_until", "token_age", "status_age", "arm_setpoint_age"})
-MAX_REARMED = 3
-LAST_METRE_M = 1.0
-
-
-@dataclass(frozen=True)
-class Observed:
-    """What the supervisor sees in one step; None is what is missing or too old."""
-
-    now_ns: int
-    state: DockingState | None
-    drives: Drives | None
-    arms: ArmState | None
-    leader: LeaderState | None
-    controller_alive: bool
-    requests: tuple[DockRequest, ...] = ()
-    lock_answers: tuple[Answer, ...] = ()
-
-
-@dataclass(frozen=True)
-class Decided:
-    """What the supervisor wants: the mission, answers to people, at most one request to the Leader."""
-
-    mission: Mission
-    answers: tuple[Answer, ...] = ()
-    lock_request: LockRequest | None = None
+REARMING_CAUSES: Final = frozenset({"command_age", "valid_until", "token_age", "status_age", "arm_setpoint_age"})
+_LOGIC: Final[dict[Phase, type[PhaseLogic]]] = {
+    "staging": Staging,
+    "acquire": Acquire,
+    "search": Search,
+    "approach": Approach,
+    "insert": Insert,
+    "push": Push,
+    "lock": Lock,
+    "release": Release,
+    "retract": Retract,
+}
+_HOLD: Final = Orders()
 
 
 class DockingSequence:
@@ -71,270 +56,178 @@ class DockingSequence:
         self._taught = taught
         self._epoch = run_id
         self._phase: Phase = "idle"
+        self._logic: PhaseLogic | None = None
         self._cause = ""
-        self._trolley = 1
-        self._armed = False
-        self._since_ns = 0
-        self._holding_since_ns: int | None = None
-        self._missing_since_ns: int | None = None
-        self._drives_seen_ns = 0
-        self._odometer_start_m: float | None = None
-        self._lock_id = ""
-        self._lock_confirmed = False
-        self._lock_asked_ns = 0
-        self._rearmed = 0
         self._resets = 0
+        self._drives_seen_ns = 0
+        self._reckoning = PoseReckoning(config.base)
+        self._attempt = Attempt(config, 1, run_id, None, self._reckoning)
 
     @property
     def phase(self) -> Phase:
         """Where the docking stands."""
         return self._phase
 
+    @property
+    def attempt(self) -> Attempt:
+        """The docking under way, or the last one."""
+        return self._attempt
+
     def step(self, seen: Observed) -> Decided:
         """Take one step."""
-        answers = tuple(self._answer(request, seen.now_ns) for request in seen.requests)
+        answers = tuple(self._answer(request, seen) for request in seen.requests)
+        self._look(seen)
+        ended = self._watch(seen) if self._phase not in ENDED else None
+        if ended is not None:
+            self._follow(ended, seen)
+        orders = self._orders(seen)
+        return Decided(self._mission(orders), self._summary(seen, orders), answers, orders.lock_request)
+
+    def _look(self, seen: Observed) -> None:
+        """Follow the Leader by odometry, and by sight while that is where it must be."""
         if seen.drives is not None:
             self._drives_seen_ns = seen.now_ns
-        if self._phase not in ("idle", "done", "aborted"):
-            self._watch(seen)
-        handler = getattr(self, f"_{self._phase}", None)
-        request = handler(seen) if handler is not None else None
-        return Decided(self._mission(seen), answers, request)
+            self._reckoning.drive(seen.drives)
+        state = seen.state
+        if state is not None and state.valid and (not self._attempt.armed or self._reckoning.agrees(state)):
+            self._reckoning.seen(state)
+
+    def _orders(self, seen: Observed) -> Orders:
+        """What the phase wants; a phase that ends hands over to the next at once."""
+        for _ in range(len(_LOGIC)):
+            if self._logic is None:
+                return _HOLD
+            wanted = self._logic.step(seen)
+            if isinstance(wanted, Orders):
+                return wanted
+            self._follow(wanted, seen)
+        return _HOLD
 
     # --- requests
 
-    def _answer(self, request: DockRequest, now_ns: int) -> Answer:
-        if now_ns > request.expires_ns:
+    def _answer(self, request: DockRequest, seen: Observed) -> Answer:
+        if seen.now_ns > request.expires_ns:
             return Answer(request.id, "expired", "came after its expiry")
         if request.action == "abort":
-            if self._phase in ("idle", "done", "aborted"):
+            if self._phase in ENDED:
                 return Answer(request.id, "done", f"nothing to abort in phase {self._phase}")
-            self._abort("operator_abort", now_ns)
+            self._follow(Verdict("abort", "operator_abort"), seen)
             return Answer(request.id, "done", "aborted")
         if request.action == "reset":
-            if self._phase not in ("aborted", "done", "idle"):
+            if self._phase not in ENDED:
                 return Answer(request.id, "refused", f"phase {self._phase} is under way")
-            self._enter("idle", now_ns)
-            self._cause = ""
+            self._follow(Verdict("reset"), seen)
             self._resets += 1
             return Answer(request.id, "done", "idle")
-        if self._phase != "idle":
-            return Answer(request.id, "refused", f"phase is {self._phase}, not idle")
-        if self._taught is not None and request.trolley not in self._taught:
-            return Answer(request.id, "refused", f"docking {request.trolley} is not taught (docking.taught_dir)")
-        self._trolley = request.trolley
-        self._rearmed = 0
-        self._epoch += 1
-        self._enter("acquire", now_ns)
+        refusal = self._refusal(request, seen)
+        if refusal:
+            return Answer(request.id, "refused", refusal)
+        self._begin(request.trolley, seen)
         return Answer(request.id, "accepted", f"docking trolley {request.trolley}")
+
+    def _refusal(self, request: DockRequest, seen: Observed) -> str:
+        if self._phase not in ENDED:
+            return f"phase {self._phase} is under way"
+        if self._phase == "aborted" and needs_reset(self._cause):
+            return f"stopped by {self._cause}: reset first (davpc dock reset)"
+        if self._taught is not None and request.trolley not in self._taught:
+            return f"docking {request.trolley} is not taught (docking.taught_dir)"
+        return seen.unfit
+
+    def _begin(self, trolley: int, seen: Observed) -> None:
+        grip = self._attempt.grip
+        self._epoch += 1
+        self._attempt = Attempt(self._config, trolley, self._epoch, self._taught, self._reckoning, grip)
+        self._follow(Verdict("start"), seen)
 
     # --- what ends a docking in any phase
 
-    def _watch(self, seen: Observed) -> None:
-        drives = seen.drives
+    def _watch(self, seen: Observed) -> Verdict | None:
+        attempt, drives = self._attempt, seen.drives
+        if seen.restarted:
+            return Verdict("failed", f"restarted: {seen.restarted}")
         if drives is None:
-            if seen.now_ns - max(self._drives_seen_ns, self._since_ns) > _SILENT_NS and self._phase != "acquire":
-                self._abort("drives_silent", seen.now_ns)
-        elif not drives.stop_inputs_clear:
-            self._abort("stop_input", seen.now_ns)
-        elif drives.state == "fault":
-            self._abort(f"drive_fault: {drives.cause}", seen.now_ns)
-        elif self._armed and drives.state == "stopped" and drives.epoch == self._epoch:
-            self._stopped(drives.cause, seen.now_ns)
-        elif self._phase != "acquire" and (drives.state != "armed" or drives.epoch != self._epoch):
-            self._abort(f"drives_{drives.state}: {drives.cause or 'disarmed by themselves'}", seen.now_ns)
-        elif self._armed and seen.arms is not None and seen.arms.cause != "ok":
-            # slip (S1, no pursuit) and collision (S2): the arms already yield, the drives then hold where they are
-            self._abort(seen.arms.cause, seen.now_ns)
-
-    def _stopped(self, cause: str, now_ns: int) -> None:
-        """S1: the gate stopped and disarmed. While nothing is in contact, arm anew once all is well, a few times."""
-        if self._phase in ("acquire", "approach") and cause in REARMING_CAUSES and self._rearmed < MAX_REARMED:
-            self._rearmed += 1
-            self._epoch += 1
-            self._armed = False
-            self._enter("acquire", now_ns)
-        else:
-            self._abort(f"gate_stop: {cause}", now_ns)
-
-    # --- phases
-
-    def _acquire(self, seen: Observed) -> None:
-        missing = self._missing(seen)
-        if missing:
-            self._holding_since_ns = None
-        elif self._holding_since_ns is None:
-            self._holding_since_ns = seen.now_ns
-        elif seen.now_ns - self._holding_since_ns >= _CONFIRM_NS:
-            self._armed = True
-        drives = seen.drives
-        if self._armed and drives is not None and drives.state == "armed" and drives.epoch == self._epoch:
-            self._enter("approach", seen.now_ns)
-        elif self._overdue(seen, self._config.supervisor.acquire_timeout_s):
-            self._abort(f"acquire_timeout: {missing or 'drives not enabled'}", seen.now_ns)
-
-    def _approach(self, seen: Observed) -> None:
-        if seen.arms is not None and seen.arms.connected:
-            self._abort("contact_early", seen.now_ns)
-            return
-        if self._lost(seen):
-            return
-        if self._arrived(seen.state):
-            if self._holding_since_ns is None:
-                self._holding_since_ns = seen.now_ns
-            elif seen.now_ns - self._holding_since_ns >= self._config.docking.settle_s * NS_PER_S:
-                self._enter("push", seen.now_ns)
-        else:
-            self._holding_since_ns = None
-        if self._overdue(seen, self._config.supervisor.approach_timeout_s):
-            self._abort("approach_timeout", seen.now_ns)
-
-    def _push(self, seen: Observed) -> None:
-        if seen.drives is None:
-            return
-        pushed_m = self._driven(seen.drives)
-        connected = seen.arms is not None and seen.arms.connected
-        if connected and pushed_m >= _PUSH_STROKE_SHARE * self._config.docking.push_stroke_m:
-            self._enter("lock", seen.now_ns)
-        elif connected:
-            self._abort("contact_early", seen.now_ns)
-        elif pushed_m > self._config.supervisor.push_limit_m:
-            self._abort("no_contact", seen.now_ns)
-        elif self._overdue(seen, 2 * self._config.supervisor.push_limit_m / self._config.supervisor.push_speed_m_s):
-            self._abort("push_timeout", seen.now_ns)
-
-    def _lock(self, seen: Observed) -> LockRequest | None:
-        for answer in seen.lock_answers:
-            if answer.id == self._lock_id and answer.outcome == "done":
-                self._lock_confirmed = True
-            elif answer.id == self._lock_id:
-                self._abort(f"lock_{answer.outcome}: {answer.reason}", seen.now_ns)
-                return None
-        if self._lock_confirmed and seen.leader is not None and seen.leader.lock == "locked":
-            self._enter("release", seen.now_ns)
-        elif self._overdue(seen, self._config.supervisor.lock_timeout_s):
-            self._abort("lock_timeout" if seen.leader is not None else "leader_silent", seen.now_ns)
-        elif not self._lock_id or seen.now_ns - self._lock_asked_ns >= _LOCK_REPEAT_NS:
-            self._lock_id = self._lock_id or f"lock-{self._epoch}"
-            self._lock_asked_ns = seen.now_ns
-            valid_ms = round(self._config.supervisor.lock_timeout_s * 1000)
-            return LockRequest(self._lock_id, valid_ms, "lock", self._trolley)
+            silent_ns = seen.now_ns - self._drives_seen_ns
+            return Verdict("failed", "drives_silent") if attempt.armed and silent_ns > _SILENT_NS else None
+        attempt.enabled = attempt.enabled or attempt.obeyed(drives)
+        if not drives.stop_inputs_clear:
+            return Verdict("failed", "stop_input")
+        if drives.state == "fault":
+            return Verdict("failed", f"drive_fault: {drives.cause}")
+        if attempt.armed and drives.state == "stopped" and drives.epoch == self._epoch:
+            return self._stopped(drives)
+        if attempt.enabled and not attempt.obeyed(drives):
+            return Verdict("failed", f"drives_disarmed: {drives.cause or 'by themselves'}")
+        if attempt.armed and seen.arms is not None and seen.arms.cause != "ok":
+            # the arms already yield, the drives then hold where they are; no pursuit
+            return Verdict("failed", seen.arms.cause)
+        early = attempt.trolley == 1 and self._phase in ("approach", "insert", "push")
+        if early and seen.leader is not None and seen.leader.lock == "locked":
+            return Verdict("failed", "lock_implausible")
         return None
 
-    def _release(self, seen: Observed) -> None:
-        if seen.arms is not None and seen.arms.released:
-            self._enter("retract", seen.now_ns)
-        elif self._overdue(seen, self._config.supervisor.lock_timeout_s):
-            self._abort("release_timeout", seen.now_ns)
+    def _stopped(self, drives: Drives) -> Verdict:
+        """S1: the gate stopped and disarmed. While nothing is in contact, arm anew once all is well, a few times."""
+        attempt = self._attempt
+        again = drives.cause in REARMING_CAUSES and attempt.rearmed < MAX_REARMED
+        if again and self._phase in FREE:
+            return Verdict("late")
+        return Verdict("failed", f"gate_stop: {drives.cause}")
 
-    def _retract(self, seen: Observed) -> None:
-        limits = self._config.supervisor
-        if seen.drives is not None and -self._driven(seen.drives) >= limits.retract_distance_m:
-            self._enter("done", seen.now_ns)
-            self._armed = False
-        elif self._overdue(seen, 3 * limits.retract_distance_m / limits.retract_speed_m_s):
-            self._abort("retract_timeout", seen.now_ns)
-
-    # --- judgements
-
-    def _missing(self, seen: Observed) -> str:
-        """What still keeps the robot from arming; empty if nothing does."""
-        if seen.drives is None:
-            return "no drives"
-        if seen.state is None:
-            return "no docking state"
-        if not seen.state.valid:
-            return f"LEDs not acquired ({seen.state.cause})"
-        if not seen.controller_alive:
-            return "controller silent"
-        if seen.arms is None or not seen.arms.gripped:
-            return "no trolley in the grippers"
-        if self._trolley == 1 and seen.leader is not None and seen.leader.lock != "open":
-            return f"the Leader's lock is {seen.leader.lock}, not open for trolley 1"
-        return ""
-
-    def _lost(self, seen: Observed) -> bool:
-        if seen.state is not None and seen.state.valid:
-            self._missing_since_ns = None
-            return False
-        self._missing_since_ns = self._missing_since_ns or seen.now_ns
-        if seen.now_ns - self._missing_since_ns > self._config.supervisor.lost_timeout_s * NS_PER_S:
-            self._abort("leds_lost" if seen.state is not None else "estimator_silent", seen.now_ns)
-        return True
-
-    def _arrived(self, state: DockingState | None) -> bool:
-        """The stop test of Algorithm 1, on the filtered state: on the raw one it would see the noise."""
-        if state is None or not state.features_filtered:
-            return False
-        docking = self._config.docking
-        desired = self._desired()
-        worst = max(
-            max(abs(a - da), abs(b - db)) for (a, b), (da, db) in zip(state.features_filtered, desired, strict=True)
-        )
-        return worst <= docking.feature_tolerance and abs(state.theta_rad) <= docking.heading_tolerance_deg / 57.29578
-
-    def _desired(self) -> tuple[tuple[float, float], ...]:
-        config = self._config
-        if self._taught is not None:
-            features = self._taught[self._trolley]
-        else:
-            features = features_at(config.leds.points, config.docking.goal(self._trolley), config.camera.mount)
-        return tuple((float(a), float(b)) for a, b in features)
-
-    def _driven(self, drives: Drives) -> float:
-        """Metres driven since the phase began, by the wheels."""
-        odometer = sum(drives.wheel_angle_rad) / 2 * self._config.base.wheel_radius_m
-        if self._odometer_start_m is None:
-            self._odometer_start_m = odometer
-        return odometer - self._odometer_start_m
-
-    def _overdue(self, seen: Observed, limit_s: float) -> bool:
-        return seen.now_ns - self._since_ns > limit_s * NS_PER_S
-
-    def _abort(self, cause: str, now_ns: int) -> None:
-        self._cause = cause
-        self._armed = False
-        self._enter("aborted", now_ns)
-
-    def _enter(self, phase: Phase, now_ns: int) -> None:
-        self._phase = phase
-        self._since_ns = now_ns
-        self._holding_since_ns = self._missing_since_ns = None
-        self._odometer_start_m = None
-        if phase == "acquire":
-            self._cause = self._lock_id = ""
-            self._lock_confirmed = False
+    def _follow(self, verdict: Verdict, seen: Observed) -> None:
+        """Go where the table says."""
+        event: Event = verdict.event
+        self._phase = next_phase(self._phase, event)
+        attempt = self._attempt
+        if event == "late":
+            attempt.rearmed += 1
+            self._epoch += 1
+            attempt.epoch = self._epoch
+        if event == "late" or self._phase in ENDED:
+            attempt.armed = attempt.enabled = False
+        if event in ("start", "reset", "failed", "abort"):
+            self._cause = verdict.cause
+        logic = _LOGIC.get(self._phase)
+        self._logic = logic(attempt, seen.now_ns) if logic is not None else None
 
     # --- what the others are told
 
-    def _mission(self, seen: Observed) -> Mission:
-        config, limits = self._config, self._config.supervisor
-        goal = config.docking.goal(self._trolley)
-        base = Mission(
+    def _mission(self, orders: Orders) -> Mission:
+        attempt = self._attempt
+        return Mission(
             phase=self._phase,
-            cause=self._cause,
-            trolley=self._trolley,
-            method=config.controller.method,
+            cause=self._cause[:400],
+            trolley=attempt.trolley,
+            method=self._config.controller.method,
             epoch=self._epoch,
-            armed=self._armed,
-            motion="hold",
-            straight_speed_m_s=0.0,
-            v_max_m_s=0.0,
-            w_max_rad_s=0.0,
-            goal_theta_rad=goal.theta_rad,
-            desired_features=self._desired(),
-            grip="open" if self._phase in ("release", "retract", "done") else "closed",
-            push=self._phase in ("push", "lock"),
+            armed=attempt.armed,
+            motion=orders.motion if attempt.armed else "hold",
+            straight_speed_m_s=orders.straight_speed_m_s,
+            v_max_m_s=orders.v_max_m_s,
+            w_max_rad_s=orders.w_max_rad_s,
+            goal_theta_rad=attempt.goal.theta_rad,
+            desired_features=tuple((float(a), float(b)) for a, b in attempt.desired),
+            grip=attempt.grip,
+            push=orders.push,
             resets=self._resets,
+            waiting=orders.waiting[:400],
+            needs_reset=self._phase == "aborted" and needs_reset(self._cause),
+            turn_rate_rad_s=orders.turn_rate_rad_s,
         )
-        if self._phase == "approach" and seen.state is not None and seen.state.valid:
-            far = seen.state.x_m - goal.x_m > LAST_METRE_M
-            v_max = limits.approach_speed_m_s if far else limits.last_metre_speed_m_s
-            return replace(base, motion="servo", v_max_m_s=v_max, w_max_rad_s=config.limits.w_max_rad_s)
-        if self._phase == "push":
-            speed = limits.push_speed_m_s
-            return replace(base, motion="straight", straight_speed_m_s=speed, v_max_m_s=speed)
-        if self._phase == "retract":
-            speed = limits.retract_speed_m_s
-            return replace(base, motion="straight", straight_speed_m_s=-speed, v_max_m_s=speed)
-        return base
+
+    def _summary(self, seen: Observed, orders: Orders) -> FollowerSummary:
+        """Careful: what is not known counts as moving; what was in contact still is, until the trolley is let go."""
+        attempt, drives = self._attempt, seen.drives
+        still = drives is not None and standing(self._config, drives)
+        held = seen.arms is None or not seen.arms.released
+        return FollowerSummary(
+            phase=self._phase,
+            cause=self._cause[:400],
+            waiting=orders.waiting[:400],
+            trolley=attempt.trolley,
+            armed=attempt.armed,
+            moving=not still or (attempt.armed and orders.motion != "hold"),
+            in_contact=held and (self._phase in IN_CONTACT or attempt.contact_begin_m is not None),
+            gripped=seen.arms is not None and seen.arms.gripped,
+            needs_reset=self._phase == "aborted" and needs_reset(self._cause),
+        )

@@ -27,7 +27,15 @@ LIMITS = LimitsConfig(
     gate_angular_acceleration_rad_s2=2.0,
 )
 STILL_PHASES = ("idle", "release", "done", "aborted")
-SLOW_PHASES = {"acquire": 0.10, "push": 0.05, "lock": 0.05, "retract": 0.10}
+SLOW_PHASES = {
+    "staging": 0.10,
+    "search": 0.0,
+    "acquire": 0.10,
+    "insert": 0.05,
+    "push": 0.05,
+    "lock": 0.05,
+    "retract": 0.10,
+}
 
 
 class Walk:

@@ -205,7 +205,18 @@ def test_grasping_reaches_lifts_closes_and_holds_only_what_is_there(config: Conf
     assert run_grasp(grasp, "closed", OPEN, arms.lift_travel_m, 3.0) == ["reach"]
     assert run_grasp(grasp, "closed", OPEN, arms.lift_height_m, 1.0) == ["close"]
     assert run_grasp(grasp, "closed", EMPTY, arms.lift_height_m, 1.0) == ["close"]
-    assert run_grasp(grasp, "closed", GRIPPED, arms.lift_height_m, 1.0) == ["hold"]
+    assert run_grasp(grasp, "closed", GRIPPED, arms.lift_height_m, 0.1) == ["close"]
+    assert run_grasp(grasp, "closed", GRIPPED, arms.lift_height_m, 1.0) == ["close", "hold"]
+
+
+def test_fingers_that_pass_the_angles_of_holding_hold_nothing(config: Config) -> None:
+    arms = config.arms
+    grasp = GraspSequence(arms)
+    grasp.restart(arms.handle_x_m, OPEN)
+    run_grasp(grasp, "closed", OPEN, arms.lift_height_m, 1.0)
+    for step in range(100):
+        angle = max(0.01, 0.30 - 0.005 * step)
+        assert grasp.step("closed", (angle, angle), arms.lift_height_m, DT_S).stage == "close"
 
 
 def test_one_empty_gripper_never_opens_the_other_at_a_restart(config: Config) -> None:

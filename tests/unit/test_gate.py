@@ -477,6 +477,9 @@ def test_a_gap_of_exactly_the_bound_is_borne() -> None:
 
 
 EXPECTED_CAPS = {
+    "staging": (0.10, 0.30, 0.15),
+    "search": (0.0, 0.30, 0.08),
+    "insert": (0.05, 0.20, 0.08),
     "acquire": (0.10, 0.30, 0.15),
     "approach": (0.60, 0.80, 0.60),
     "push": (0.05, 0.20, 0.08),

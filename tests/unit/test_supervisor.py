@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -11,7 +12,9 @@ from common.config import Config
 from common.geometry import Pose2, features_at
 from common.messages import Answer, ArmState, DockingState, DockRequest, Drives, LeaderState, LockRequest, Mission
 from common.timing import NS_PER_S
-from follower.supervisor.sequence import Decided, DockingSequence, Observed
+from follower.supervisor.few_leds import settled_sigma_m
+from follower.supervisor.observed import Decided, Observed
+from follower.supervisor.sequence import DockingSequence
 
 STEP_NS = NS_PER_S // 20
 
@@ -41,6 +44,7 @@ class Bench:
     seen: Observed = field(init=False)
     mission: Mission | None = None
     lock_requests: list[LockRequest] = field(default_factory=list)
+    rolled_m: float = 0.0
 
     def __post_init__(self) -> None:
         self.sequence = DockingSequence(self.config, run_id=1000)
@@ -50,6 +54,8 @@ class Bench:
     def step(self, **changes: Any) -> Decided:
         """Observe once with changes that stay."""
         self.seen = replace(self.seen, now_ns=self.seen.now_ns + STEP_NS, **changes)
+        if self.seen.drives is not None:
+            self.seen = replace(self.seen, drives=replace(self.seen.drives, measured_ns=self.seen.now_ns))
         decided = self.sequence.step(self.seen)
         self.seen = replace(self.seen, requests=(), lock_answers=())
         self.mission = decided.mission
@@ -74,9 +80,22 @@ class Bench:
         (answer,) = self.step(requests=(request,)).answers
         return answer
 
+    def turn_while_searching(self) -> list[float]:
+        """Let the base turn as told until the search is over; headings on the way."""
+        headings = [0.0]
+        track, radius = self.config.base.track_m, self.config.base.wheel_radius_m
+        for _ in range(20 * 60):
+            if self.sequence.phase != "search" or self.mission is None or self.seen.drives is None:
+                break
+            told = self.mission.turn_rate_rad_s if self.mission.motion == "turn" else 0.0
+            headings.append(headings[-1] + told / 20)
+            angle = headings[-1] * track / 2 / radius
+            self.step(drives=replace(self.seen.drives, wheel_angle_rad=(-angle, angle)))
+        return headings
+
     def roll(self, metres: float) -> Drives:
-        """The drives after rolling that far since the start."""
-        angle = metres / self.config.base.wheel_radius_m
+        """The drives after rolling that far since the insertion began."""
+        angle = (self.rolled_m + metres) / self.config.base.wheel_radius_m
         assert self.seen.drives is not None
         return replace(self.seen.drives, wheel_angle_rad=(angle, angle))
 
@@ -84,14 +103,26 @@ class Bench:
         assert self.ask("start").outcome == "accepted"
         assert self.run(0.7) == "approach"
 
-    def to_push(self) -> None:
+    def there(self, pose: Pose2) -> dict[str, Any]:
+        """State and drives after a way that the odometry does not see: as after a jump of its encoders."""
+        self.rolled_m += 5.0
+        return {"state": docking_state(self.config, pose), "drives": self.roll(0.0)}
+
+    def to_insert(self) -> None:
         self.to_approach()
-        assert self.run(0.7, state=docking_state(self.config, self.config.docking.goal(1))) == "push"
+        assert self.run(0.7, **self.there(self.config.docking.goal(1))) == "insert"
+
+    def to_push(self) -> None:
+        self.to_insert()
+        self.step()
+        self.step(drives=self.roll(0.06), arms=replace(ARMS, contact=True))
+        assert self.sequence.phase == "push"
 
     def to_lock(self) -> None:
         self.to_push()
-        self.step()
-        self.step(drives=self.roll(0.14), arms=replace(ARMS, contact=True, connected=True))
+        goal = self.config.docking.goal(1)
+        docked = docking_state(self.config, Pose2(goal.x_m - 0.14, 0.0, 0.0))
+        self.step(drives=self.roll(0.14), arms=replace(ARMS, contact=True, connected=True), state=docked)
         assert self.sequence.phase == "lock"
 
 
@@ -134,8 +165,7 @@ def test_nothing_moves_before_start_and_each_docking_has_a_new_epoch(bench: Benc
     [
         ({"state": None}, "no docking state"),
         ({"controller_alive": False}, "controller silent"),
-        ({"arms": None}, "no trolley"),
-        ({"arms": ArmState(0.0, False, False, False, True)}, "no trolley"),
+        ({"arms": None}, "arms silent"),
         ({"drives": None}, "no drives"),
         ({"leader": replace(LEADER, lock="locked")}, "the Leader's lock is locked"),
     ],
@@ -149,47 +179,125 @@ def test_what_keeps_it_from_arming_is_named(bench: Bench, missing: dict[str, obj
     assert not bench.mission.armed
 
 
-def test_invisible_leds_keep_it_from_arming_with_their_cause(bench: Bench, config: Config) -> None:
+def test_invisible_leds_are_searched_for_then_named(bench: Bench, config: Config) -> None:
     bench.ask("start")
-    assert bench.run(6.0, state=docking_state(config, Pose2(5, 0, 0), valid=False)) == "aborted"
+    assert bench.run(4.0, state=docking_state(config, Pose2(5, 0, 0), valid=False)) == "search"
     assert bench.mission is not None
-    assert "few_leds" in bench.mission.cause
+    assert (bench.mission.motion, bench.mission.v_max_m_s) == ("turn", 0.0)
+    angles = bench.turn_while_searching()
+    assert bench.sequence.phase == "aborted"
+    assert bench.mission.cause == "leds_lost: 3 searches"
+    assert max(map(abs, angles)) < math.radians(config.supervisor.search_turn_deg) + 0.05
 
 
-def test_an_invalid_state_pauses_and_a_valid_one_resumes_in_place(bench: Bench, config: Config) -> None:
+def test_a_search_that_finds_the_leds_goes_on(bench: Bench, config: Config) -> None:
+    bench.to_approach()
+    seen = bench.seen.state
+    assert bench.run(3.5, state=docking_state(config, Pose2(5, 0, 0), valid=False)) == "search"
+    assert bench.mission is not None
+    epoch = bench.mission.epoch
+    assert bench.run(0.4, state=seen) == "search"
+    assert bench.mission.motion == "hold"
+    assert bench.run(1.0) == "approach"
+    assert bench.mission.epoch == epoch
+
+
+def test_near_the_queue_nothing_is_searched(bench: Bench, config: Config) -> None:
+    bench.to_approach()
+    near = Pose2(config.docking.goal(1).x_m + 0.4, 0.0, 0.0)
+    bench.step(**bench.there(near))
+    assert bench.run(4.0, state=docking_state(config, near, valid=False)) == "aborted"
+    assert bench.mission is not None
+    assert bench.mission.cause == "leds_lost: too near for a search"
+
+
+def test_an_invalid_state_pauses_and_half_a_second_of_valid_ones_resumes_in_place(
+    bench: Bench, config: Config
+) -> None:
     bench.to_approach()
     valid = bench.seen.state
+    assert bench.mission is not None
+    epoch = bench.mission.epoch
+    bench.step(state=docking_state(config, Pose2(5, 0, 0), valid=False))
+    assert (bench.mission.motion, bench.mission.armed) == ("hold", True)
+    assert "few_leds" in bench.mission.waiting
+    bench.run(0.5, state=valid)
+    assert bench.mission.motion == "hold"
+    bench.run(0.1)
+    assert (bench.mission.motion, bench.mission.epoch) == ("servo", epoch)
+
+
+def test_a_lock_that_cannot_be_the_leader_does_not_resume(bench: Bench, config: Config) -> None:
+    bench.to_approach()
+    bench.step(state=docking_state(config, Pose2(5, 0, 0), valid=False))
+    assert bench.run(2.0, state=docking_state(config, Pose2(5.0, 1.5, 0.0))) == "approach"
+    assert bench.mission is not None
+    assert bench.mission.motion == "hold"
+    assert bench.run(2.0) == "aborted"
+    assert bench.mission.cause.startswith("lock_disagrees")
+
+
+def test_the_sixth_pause_ends_it(bench: Bench, config: Config) -> None:
+    bench.to_approach()
+    valid = bench.seen.state
+    for _ in range(5):
+        bench.step(state=docking_state(config, Pose2(5, 0, 0), valid=False))
+        assert bench.run(0.7, state=valid) == "approach"
     bench.step(state=docking_state(config, Pose2(5, 0, 0), valid=False))
     assert bench.mission is not None
-    assert (bench.mission.motion, bench.mission.armed) == ("hold", True)
-    bench.step(state=valid)
-    assert bench.mission.motion == "servo"
+    assert (bench.sequence.phase, bench.mission.cause.partition(":")[0]) == ("aborted", "too_many_pauses")
 
 
-def test_leds_lost_for_too_long_and_a_silent_estimator_abort_by_name(bench: Bench, config: Config) -> None:
+@pytest.mark.parametrize(
+    ("lost", "leader", "cause"),
+    [("state", LEADER, "estimator_silent"), ("leds", None, "leader_lost"), ("frame", LEADER, "camera_silent")],
+)
+def test_what_is_lost_for_too_long_is_named(
+    bench: Bench, config: Config, lost: str, leader: LeaderState | None, cause: str
+) -> None:
     bench.to_approach()
-    assert bench.run(4.0, state=docking_state(config, Pose2(5, 0, 0), valid=False)) == "aborted"
+    state = None if lost == "state" else docking_state(config, Pose2(5, 0, 0), valid=False)
+    if lost == "frame" and state is not None:
+        state = replace(state, cause="no_frame")
+    assert bench.run(3.5, state=state, leader=leader) in ("aborted", "search")
+    bench.turn_while_searching()
     assert bench.mission is not None
-    assert bench.mission.cause == "leds_lost"
-    other = Bench(config)
-    other.to_approach()
-    assert other.run(4.0, state=None) == "aborted"
-    assert other.mission is not None
-    assert other.mission.cause == "estimator_silent"
+    assert bench.mission.cause.startswith(cause)
+
+
+def test_without_one_led_it_goes_on_slowly_and_without_two_it_pauses(bench: Bench, config: Config) -> None:
+    bench.to_approach()
+    assert bench.seen.state is not None
+    whole = ((0.0, 0.0),) * 4
+    bench.run(0.2, state=replace(bench.seen.state, features=whole))
+    assert bench.mission is not None
+    assert bench.mission.v_max_m_s == config.supervisor.approach_speed_m_s
+    bench.run(0.5, state=replace(bench.seen.state, features=(*whole[:3], None), leds_seen=3))
+    assert (bench.mission.motion, bench.mission.v_max_m_s) == ("servo", config.supervisor.reduced_speed_m_s)
+    bench.run(0.5, state=replace(bench.seen.state, features=(*whole[:2], None, None), leds_seen=2))
+    assert (bench.mission.motion, bench.mission.armed) == ("hold", True)
+
+
+def test_three_leds_tell_the_goal_less_well_than_four(config: Config) -> None:
+    goal = config.docking.goal(1)
+    four = settled_sigma_m(config, goal, ())
+    three = [settled_sigma_m(config, goal, (led,)) for led in range(4)]
+    assert 0.0 < four < min(three)
+    assert settled_sigma_m(config, goal, (0, 1)) == math.inf
 
 
 def test_the_last_metre_is_slow(bench: Bench, config: Config) -> None:
     bench.to_approach()
     assert bench.mission is not None
     assert bench.mission.v_max_m_s == config.supervisor.approach_speed_m_s
-    bench.step(state=docking_state(config, Pose2(2.4, 0.1, 0.0)))
+    bench.step(**bench.there(Pose2(2.4, 0.1, 0.0)))
     assert bench.mission.v_max_m_s == config.supervisor.last_metre_speed_m_s
 
 
 @pytest.mark.parametrize("off", [Pose2(1.5, 0.05, 0.0), Pose2(1.5, 0.0, 0.03), Pose2(1.62, 0.0, 0.0)])
-def test_it_does_not_push_while_off_the_goal(bench: Bench, config: Config, off: Pose2) -> None:
+def test_it_does_not_push_while_off_the_goal(bench: Bench, off: Pose2) -> None:
     bench.to_approach()
-    assert bench.run(2.0, state=docking_state(config, off)) == "approach"
+    assert bench.run(2.0, **bench.there(off)) == "approach"
 
 
 @pytest.mark.parametrize(
@@ -198,8 +306,8 @@ def test_it_does_not_push_while_off_the_goal(bench: Bench, config: Config, off: 
         ({"stop_inputs_clear": False}, "stop_input"),
         ({"state": "fault", "cause": "node 1: EMCY 0x3210"}, "drive_fault: node 1: EMCY 0x3210"),
         ({"state": "stopped", "cause": "second_writer"}, "gate_stop: second_writer"),
-        ({"state": "disarmed"}, "drives_disarmed: disarmed by themselves"),
-        ({"epoch": 7}, "drives_armed: disarmed by themselves"),
+        ({"state": "disarmed"}, "drives_disarmed: by themselves"),
+        ({"epoch": 7}, "drives_disarmed: by themselves"),
     ],
 )
 def test_the_drives_can_end_a_docking_in_any_phase(config: Config, changes: dict[str, Any], cause: str) -> None:
@@ -274,9 +382,20 @@ def test_a_refused_lock_and_a_silent_leader_end_by_name_without_letting_go(confi
     assert bench.mission.cause == "lock_refused: no beam in the guide"
     other = Bench(config)
     other.to_lock()
-    assert other.run(10.0, leader=None) == "aborted"
+    assert other.run(29.0, leader=None) == "lock"
     assert other.mission is not None
+    assert (other.mission.armed, other.mission.motion) == (True, "hold")
+    assert other.mission.waiting == "the Leader's link"
+    assert other.run(2.0) == "aborted"
     assert (other.mission.cause, other.mission.grip) == ("leader_silent", "closed")
+
+
+def test_the_lock_step_goes_on_when_the_link_returns(bench: Bench) -> None:
+    bench.to_lock()
+    bench.run(20.0, leader=None)
+    bench.run(2.0, leader=replace(LEADER, lock="locked"))
+    bench.step(lock_answers=(Answer(bench.lock_requests[0].id, "done", "locked"),))
+    assert bench.sequence.phase == "release"
 
 
 def test_requests_that_make_no_sense_are_refused_and_old_ones_expire(bench: Bench) -> None:

@@ -14,7 +14,8 @@ from common.messages import DockRequest
 from common.node import NodeContext
 from common.timing import NS_PER_S, SteppedClock
 from follower.supervisor.node import SupervisorNode
-from follower.supervisor.sequence import DockingSequence, Observed
+from follower.supervisor.observed import Observed
+from follower.supervisor.sequence import DockingSequence
 from follower.supervisor.taught import Taught, calibration_hash, save, taught_images
 
 NOW_NS = 10 * NS_PER_S

@@ -1,0 +1,126 @@
+"""What the phases of one docking share, and the small judgements that several of them make."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from common.config import Config
+from common.geometry import Array, Pose2, features_at
+from common.kinematics import twist_from_wheels
+from common.messages import Drives
+from common.timing import NS_PER_S
+from follower.supervisor.observed import Grip, Observed
+from follower.supervisor.reckoning import PoseReckoning
+
+MAX_REARMED = 3
+MAX_SEARCHES = 3
+MAX_RETRIES = 3
+MAX_PAUSES = 5
+STANDSTILL_M_S, STANDSTILL_RAD_S = 0.005, 0.02
+
+
+class Since:
+    """For how long a condition has held without a break."""
+
+    def __init__(self) -> None:
+        self._since_ns: int | None = None
+
+    def held_s(self, holds: bool, now_ns: int) -> float:
+        """Seconds that it has held, 0 if it does not."""
+        if not holds:
+            self._since_ns = None
+        elif self._since_ns is None:
+            self._since_ns = now_ns
+        return 0.0 if self._since_ns is None else (now_ns - self._since_ns) / NS_PER_S
+
+
+@dataclass
+class Attempt:
+    """One docking from start to end.
+
+    ``armed`` is the arm token; ``enabled`` becomes true once the drives have followed it under this epoch.
+    ``retreating``: it goes back to the staging pose with the trolley, to try again. ``contact_begin_m`` is the
+    odometer where the insertion began.
+    """
+
+    config: Config
+    trolley: int
+    epoch: int
+    taught: Mapping[int, Array] | None
+    reckoning: PoseReckoning
+    grip: Grip = "closed"
+    armed: bool = False
+    enabled: bool = False
+    retreating: bool = False
+    rearmed: int = 0
+    searches: int = 0
+    retries: int = 0
+    pauses: int = 0
+    contact_begin_m: float | None = None
+    goal: Pose2 = field(init=False)
+    desired: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Desired features: as taught, or as geometry gives them."""
+        config = self.config
+        self.goal = config.docking.goal(self.trolley)
+        if self.taught is not None:
+            self.desired = self.taught[self.trolley]
+        else:
+            self.desired = features_at(config.leds.points, self.goal, config.camera.mount)
+
+    def odometer_m(self, drives: Drives) -> float:
+        """Way of the middle of the axle, by the wheels."""
+        return sum(drives.wheel_angle_rad) / 2 * self.config.base.wheel_radius_m
+
+    def heading_rad(self, drives: Drives) -> float:
+        """Heading of {F} by the wheels, from an arbitrary zero."""
+        left, right = drives.wheel_angle_rad
+        return (right - left) * self.config.base.wheel_radius_m / self.config.base.track_m
+
+    def obeyed(self, drives: Drives | None) -> bool:
+        """Whether the drives are enabled under this epoch."""
+        return self.armed and drives is not None and drives.state == "armed" and drives.epoch == self.epoch
+
+    def to_goal_m(self) -> float | None:
+        """How far {F} still has to go along its axis, by the last sight and odometry; None if not known."""
+        pose = self.reckoning.pose
+        return None if pose is None else pose.x_m - self.goal.x_m
+
+    def unwell(self, seen: Observed) -> str:
+        """What of the Follower itself is not as it should be for moving; empty if all is well."""
+        if seen.drives is None:
+            return "no drives"
+        if not seen.drives.stop_inputs_clear:
+            return "stop input"
+        if not seen.controller_alive:
+            return "controller silent"
+        if seen.arms is None:
+            return "arms silent"
+        return ""
+
+    def blind(self, seen: Observed) -> str:
+        """Why the Leader's array is not in sight; empty if it is."""
+        if seen.state is None:
+            return "no docking state"
+        return "" if seen.state.valid else f"LEDs not acquired ({seen.state.cause})"
+
+    def leader_unready(self, seen: Observed) -> str:
+        """Why the Leader's lock does not suit this trolley, as far as it is heard: the approach needs no link."""
+        leader = seen.leader
+        if leader is None:
+            return ""
+        if self.trolley == 1 and leader.lock != "open":
+            return f"the Leader's lock is {leader.lock}, not open for trolley 1"
+        if self.trolley > 1 and leader.lock != "locked":
+            return f"the Leader's lock is {leader.lock}, not locked before trolley {self.trolley}"
+        if self.trolley > 1 and leader.queue is not None and leader.queue != self.trolley - 1:
+            return f"the Leader counts {leader.queue} trolleys, not {self.trolley - 1}"
+        return ""
+
+
+def standing(config: Config, drives: Drives) -> bool:
+    """Whether the wheels do not turn."""
+    v, w = twist_from_wheels(config.base, drives.wheel_speed_rad_s)
+    return abs(v) < STANDSTILL_M_S and abs(w) < STANDSTILL_RAD_S

@@ -1,0 +1,100 @@
+"""The table of a docking's phases: which event leads from which phase to which.
+
+``python -m follower.supervisor.transitions`` prints it as ARCHITECTURE.md shows it; a test holds the two equal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from common.messages import PHASES, Phase
+
+Event = Literal[
+    "start",
+    "gripped",
+    "armed",
+    "leds_lost",
+    "leds_found",
+    "arrived",
+    "unreachable",
+    "contact",
+    "connected",
+    "confirmed",
+    "released",
+    "clear",
+    "late",
+    "failed",
+    "abort",
+    "reset",
+]
+
+ACTIVE: Final[tuple[Phase, ...]] = tuple(phase for phase in PHASES if phase not in ("idle", "done", "aborted"))
+ENDED: Final[tuple[Phase, ...]] = ("idle", "done", "aborted")
+# nothing ahead is touched in these: a stop may be armed anew, and a way back is free
+FREE: Final[tuple[Phase, ...]] = ("staging", "acquire", "search", "approach")
+# the trolley meets guide or queue
+IN_CONTACT: Final[tuple[Phase, ...]] = ("insert", "push", "lock", "release")
+
+
+@dataclass(frozen=True)
+class Transition:
+    """One row: in ``phase``, ``event`` leads to ``to``; ``when`` says in words what the event is there."""
+
+    phase: Phase
+    event: Event
+    to: Phase
+    when: str
+
+
+TABLE: Final[tuple[Transition, ...]] = (
+    Transition("idle", "start", "staging", "a person asks"),
+    Transition("done", "start", "staging", "a person asks for the next trolley"),
+    Transition("aborted", "start", "staging", "a person asks, and no reset is needed"),
+    Transition("staging", "gripped", "acquire", "at the staging pose with a trolley in the grippers"),
+    Transition("acquire", "armed", "approach", "all well for 0.5 s, the drives are enabled"),
+    Transition("acquire", "leds_lost", "search", "no LEDs for the time to acquire them; three searches at most"),
+    Transition("search", "leds_found", "acquire", "the array is in sight again"),
+    Transition("approach", "leds_lost", "search", "paused for too long without LEDs, away from the goal"),
+    Transition("approach", "unreachable", "staging", "comes no nearer, all well; three retries at most"),
+    Transition("approach", "arrived", "insert", "at the goal, settled"),
+    Transition("insert", "contact", "push", "the joint torques feel guide or queue"),
+    Transition("push", "connected", "lock", "rigid by joint torque, the way pushed, and the LEDs agree"),
+    Transition("lock", "confirmed", "release", "the Leader says that the trolley is locked"),
+    Transition("release", "released", "retract", "both grippers are open"),
+    Transition("retract", "clear", "done", "backed away"),
+    Transition("staging", "late", "staging", "S1: somebody was late; armed anew, three times at most"),
+    *(
+        Transition(phase, "late", "acquire", "S1: somebody was late; armed anew, three times at most")
+        for phase in ("acquire", "search", "approach")
+    ),
+    *(Transition(phase, "failed", "aborted", "with a named cause; S2 needs a reset") for phase in ACTIVE),
+    *(Transition(phase, "abort", "aborted", "a person asks") for phase in ACTIVE),
+    *(Transition(phase, "reset", "idle", "a person asks") for phase in ENDED),
+)
+_NEXT: Final = {(row.phase, row.event): row.to for row in TABLE}
+
+
+def next_phase(phase: Phase, event: Event) -> Phase:
+    """Where an event leads.
+
+    Raises:
+        KeyError: the table knows no such event in this phase.
+    """
+    return _NEXT[phase, event]
+
+
+def as_markdown() -> str:
+    """The table for people: rows that differ in their phase alone are one."""
+    rows: dict[tuple[str, str, str], list[str]] = {}
+    for row in TABLE:
+        rows.setdefault((row.event, row.to, row.when), []).append(row.phase)
+    lines = ["| in | event | to | when |", "|---|---|---|---|"]
+    for (event, to, when), phases in rows.items():
+        where = "any phase of a docking" if tuple(phases) == ACTIVE else ", ".join(phases)
+        lines.append(f"| {where} | {event} | {to} | {when} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    print(as_markdown())  # noqa: T201 - its purpose
