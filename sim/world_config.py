@@ -25,7 +25,7 @@ class WorldConfig(Section):
     docked: Annotated[int, Field(ge=0, le=30, description="trolleys that stand locked in the queue already")] = 0
     docked_error_m: Annotated[float, Field(ge=0, le=0.1, description="lateral, of those")] = 0.01
     trolley_mass_kg: Positive = 15.0
-    trolley_load_kg: Annotated[float, Field(ge=0, le=60, description="most that one carries; drawn for each")] = 4.0
+    trolley_load_kg: Annotated[float, Field(ge=0, le=60, description="most that one carries; drawn for each")] = 0.0
     rolling_resistance: NonNegative = 0.02
     caster_trail_m: Positive = 0.04
     caster_friction: Annotated[float, Field(ge=0, le=0.3, description="sideways, of a caster's load")] = 0.05

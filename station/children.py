@@ -69,6 +69,15 @@ def stop_children(children: Children) -> None:
                 child.wait()
 
 
+def resident_mb(pid: int) -> float | None:
+    """Resident memory of a process that lives [MB]."""
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+    except (OSError, IndexError):
+        return None
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
 def _die_with_parent() -> None:
     """In the child: end it if the launcher is killed."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -45,6 +45,7 @@ def sim(
             show_default="configuration: clean",
         ),
     ] = None,
+    trolleys: Annotated[int, typer.Option(min=1, max=30, help="to dock in a row")] = 1,
     stepped: Annotated[
         bool, typer.Option(help="one process, stepped time: deterministic, faster than real time")
     ] = False,
@@ -53,7 +54,7 @@ def sim(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """Dock one trolley with both robots, simulated. `davpc sim`"""
+    """Dock one trolley, or a queue, with both robots, simulated. `davpc sim --trolleys 8`"""
     from rich.console import Console
 
     try:
@@ -71,7 +72,7 @@ def sim(
         chosen.append(f"world.start={list(numbers(start, 3))}")
     if scene is not None:
         chosen.append(f"world.scene={json.dumps(scene)}")
-    run = launcher.Run(config or default_config_path(), chosen, out)
+    run = launcher.Run(config or default_config_path(), chosen, out, trolleys)
     world = run.world
     x_m, y_m, theta_deg = world.start
     console.print(
@@ -79,16 +80,17 @@ def sim(
         + ("stepped" if stepped else f"{len(PROCESSES)} processes")
     )
     with live_progress(console) as run.progress:
-        record, cause = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
+        done = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
     settings = {
         "seed": world.seed,
         "start": list(world.start),
         "scene": world.scene,
         "stepped": stepped,
+        "trolleys": trolleys,
         "overrides": overrides or [],
     }
-    results = report.write_results(record, cause, settings, out)
-    drawn = figures.draw_all(record, out)
+    results = report.write_results(done.records, done.cause, done.memory_mb, settings, out)
+    drawn = figures.draw_all(done.records, out)
     report.print_results(results, console)
     written = [out / "results.json", *drawn]
     console.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)

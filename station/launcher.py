@@ -1,4 +1,4 @@
-"""Runs one docking of both robots against the simulated backend: as processes, or stepped in this one.
+"""Runs dockings of both robots, one or a queue, against the simulated backend: as processes, or stepped in this one.
 
 The only place outside experiments and tests that knows the simulated backend by name.
 """
@@ -20,14 +20,15 @@ from pathlib import Path
 from typing import Any
 
 from common.bus import Bus
-from common.channels import DOCK_REQUEST, Channel
+from common.channels import DOCK_REQUEST, LOCK_REQUEST, Channel
 from common.config import Config, ConfigError, load_config
 from common.executor import EXIT_CONFIG, earlier_processes
 from common.geometry import Pose2
-from common.messages import Answer, DockRequest, Header, MessageError, decode, encode
+from common.messages import Answer, DockRequest, Header, LockRequest, MessageError, Mission, decode, encode
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.processes import PROCESSES
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, SteppedClock
+from sim.collector import Collector
 from sim.stepped import SteppedExecutor
 from sim.world_config import WorldConfig, world_config
 from sim.world_message import WORLD, WorldState
@@ -36,30 +37,39 @@ from station.children import (
     Children,
     interruptible,
     listening_socket,
+    resident_mb,
     runtime_directory,
     start_children,
     stop_children,
 )
 from station.record import DockingRecord, TrueSample
+from station.report import Memory
 
 STATION = "station"
 LOGS = "logs"
 READY_TIMEOUT_S = 40.0
-RUN_TIMEOUT_S = 150.0
+RUN_TIMEOUT_S = 200.0
+_MEMORY_EVERY_NS = 5 * NS_PER_S
 _AFTER_DEATH_NS = 1_500 * NS_PER_MS
 Progress = Callable[[DockingRecord], None]
 
 
 @dataclass
 class Run:
-    """One docking to run: configuration file, overrides, and where to put the logs."""
+    """What to run: configuration file, overrides, where to put the logs, how many trolleys to dock."""
 
     config_path: Path
     overrides: list[str]
     out: Path
+    trolleys: int = 1
     progress: Progress = lambda _record: None
     config: Config = field(init=False)
     world: WorldConfig = field(init=False)
+
+    @property
+    def first(self) -> int:
+        """The first trolley to dock: those before it stand in the queue already."""
+        return self.world.docked + 1
 
     def __post_init__(self) -> None:
         """Read and check everything, and make the folder empty of an earlier run's results.
@@ -71,12 +81,52 @@ class Run:
         self.world = world_config(self.config, str(self.config_path))
         try:
             (self.out / LOGS).mkdir(parents=True, exist_ok=True)
-            for name in report.OUTPUTS:
-                (self.out / name).unlink(missing_ok=True)
-            (self.out / report.OUTPUTS[0]).touch()
-            (self.out / report.OUTPUTS[0]).unlink()
+            for pattern in report.OUTPUTS:
+                for path in self.out.glob(pattern):
+                    path.unlink()
+            (self.out / report.RESULTS).touch()
+            (self.out / report.RESULTS).unlink()
         except OSError as error:
             raise ConfigError(f"--out {self.out}: cannot be written to: {error.strerror}") from error
+
+
+@dataclass
+class Collection:
+    """The records of one run, a docking each, and what ended it early, if anything did.
+
+    ``memory_mb``: resident memory of each process by time [s]; empty where there are no processes.
+    """
+
+    records: list[DockingRecord]
+    cause: str = ""
+    memory_mb: Memory = field(default_factory=dict)
+
+
+class _Recorder:
+    """Takes every message into the record of the docking that is under way."""
+
+    CHANNELS = (*DockingRecord.CHANNELS, WORLD)
+
+    def __init__(self, config: Config, runtime: Path, collector: Collector) -> None:
+        self._config, self._runtime, self._collector = config, runtime, collector
+        self.records = [DockingRecord(config, runtime, collector.trolley)]
+
+    @property
+    def current(self) -> DockingRecord:
+        """The record of the docking that is under way."""
+        if self.records[-1].trolley != self._collector.trolley:
+            self.records[-1].release()
+            self.records.append(DockingRecord(self._config, self._runtime, self._collector.trolley))
+        return self.records[-1]
+
+    def take(self, channel: Channel[Any], message: Any, stamp_ns: int) -> None:
+        """Take one message of :attr:`CHANNELS`."""
+        if isinstance(message, WorldState):
+            self.current.take_truth(true_sample(message))
+            return
+        self.current.take(channel, message, stamp_ns)
+        if isinstance(message, Mission):
+            self._collector.take(message)
 
 
 def true_sample(world: WorldState) -> TrueSample:
@@ -88,35 +138,32 @@ def true_sample(world: WorldState) -> TrueSample:
 
 
 class _StationNode(Node):
-    """Asks for the docking and records it, in stepped time."""
+    """Asks for the dockings and records them, in stepped time."""
 
     name = STATION
-    inputs = (*DockingRecord.CHANNELS, WORLD)
-    outputs = (DOCK_REQUEST,)
-    trigger = Trigger(period_ns=NS_PER_S // 10, wakes=(*DockingRecord.CHANNELS, WORLD))
+    inputs = _Recorder.CHANNELS
+    outputs = (DOCK_REQUEST, LOCK_REQUEST)
+    trigger = Trigger(period_ns=NS_PER_S // 10, wakes=_Recorder.CHANNELS)
 
-    def __init__(self, record: DockingRecord, start_ns: int) -> None:
-        self._record = record
-        self._start_ns = start_ns
-        self._asked = False
+    def __init__(self, recorder: _Recorder, collector: Collector) -> None:
+        self._recorder, self._collector = recorder, collector
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
-        for channel in DockingRecord.CHANNELS:
+        for channel in _Recorder.CHANNELS:
             if inputs.arrived(channel) is not None:
                 received = inputs.newest(channel)
                 assert received is not None
-                self._record.take(channel, received.message, received.header.stamp_ns)
-        world = inputs.arrived(WORLD)
-        if world is not None:
-            self._record.take_truth(true_sample(world))
-        if not self._asked and now_ns >= self._start_ns:
-            self._asked = True
-            return ((DOCK_REQUEST, DockRequest("stepped-start", now_ns + 10 * NS_PER_S, "start")),)
-        return ()
+                self._recorder.take(channel, received.message, received.header.stamp_ns)
+        for answer in (*inputs.answers(DOCK_REQUEST), *inputs.answers(LOCK_REQUEST)):
+            self._collector.answered(answer)
+        request = self._collector.step(now_ns)
+        if request is None:
+            return ()
+        return ((DOCK_REQUEST if isinstance(request, DockRequest) else LOCK_REQUEST, request),)
 
 
-def run_stepped(run: Run) -> tuple[DockingRecord, str]:
-    """One docking in stepped time, in this process; the record and what ended it early."""
+def run_stepped(run: Run) -> Collection:
+    """Dockings in stepped time, in this process."""
     overrides = [
         *run.overrides,
         'follower_can.bus.interface="stepped"',
@@ -125,28 +172,29 @@ def run_stepped(run: Run) -> tuple[DockingRecord, str]:
     config = load_config(run.config_path, overrides)
     clock = SteppedClock()
     with runtime_directory() as runtime, interruptible() as interrupted:
-        record = DockingRecord(config, runtime)
+        collector = Collector(run.first, run.trolleys, clock.now_ns() + NS_PER_S)
+        recorder = _Recorder(config, runtime, collector)
         nodes = [
             entry.factory()(NodeContext(config, run.config_path, runtime, number, clock))
             for number, entry in enumerate(PROCESSES, start=1)
         ]
-        nodes.append(_StationNode(record, clock.now_ns() + NS_PER_S))
-        end_ns = clock.now_ns() + round(RUN_TIMEOUT_S * NS_PER_S)
+        nodes.append(_StationNode(recorder, collector))
+        end_ns = clock.now_ns() + round(run.trolleys * RUN_TIMEOUT_S * NS_PER_S)
         with SteppedExecutor(nodes, clock) as executor:
-            while record.phase not in ("done", "aborted") and clock.now_ns() < end_ns and not interrupted():
+            while not collector.finished and clock.now_ns() < end_ns and not interrupted():
                 executor.run(clock.now_ns() + NS_PER_S // 5)
-                run.progress(record)
-        record.release()
-        if record.phase in ("done", "aborted"):
-            return record, ""
-        return record, "interrupted" if interrupted() else "time_limit"
+                run.progress(recorder.current)
+        recorder.current.release()
+        if collector.finished:
+            return Collection(recorder.records, collector.refused)
+        return Collection(recorder.records, "interrupted" if interrupted() else "time_limit")
 
 
 # --- processes
 
 
-def run_processes(run: Run) -> tuple[DockingRecord, str]:
-    """One docking with every process of the table; the record and what ended it early, if anything."""
+def run_processes(run: Run) -> Collection:
+    """Dockings with every process of the table."""
     with runtime_directory() as runtime, listening_socket() as server, interruptible() as interrupted:
         children: Children = {}
         try:
@@ -159,7 +207,7 @@ def run_processes(run: Run) -> tuple[DockingRecord, str]:
                 server.fileno(),
             )
             with Bus(STATION, runtime, earlier_processes(STATION)) as bus:
-                return _Session(run, runtime, bus, children, interrupted).dock()
+                return _Session(run, runtime, bus, children, interrupted).collect()
         finally:
             stop_children(children)
 
@@ -173,7 +221,7 @@ def _with_server(overrides: Sequence[str], server: socket.socket) -> list[str]:
 
 
 class _Session:
-    """The station's side of one run: waits for the processes, asks for the docking, records, watches."""
+    """The station's side of one run: waits for the processes, asks for the dockings, records, watches."""
 
     def __init__(
         self,
@@ -185,19 +233,23 @@ class _Session:
     ) -> None:
         self._run, self._bus, self._children, self._interrupted = run, bus, children, interrupted
         self._clock = MonotonicClock()
-        self._record = DockingRecord(run.config, runtime)
+        self._collector = Collector(run.first, run.trolleys, 0, f"sim-{secrets.token_hex(4)}")
+        self._recorder = _Recorder(run.config, runtime, self._collector)
+        self._memory: Memory = {name: [] for name in children}
+        self._memory_due_ns = self._began_ns = self._clock.now_ns()
+        self._requests = 0
         self._queue: queue.SimpleQueue[tuple[Channel[Any], bytes]] = queue.SimpleQueue()
-        for channel in (*DockingRecord.CHANNELS, WORLD):
+        for channel in _Recorder.CHANNELS:
             bus.stream(channel, partial(self._enqueue, channel))
 
     def _enqueue(self, channel: Channel[Any], payload: bytes) -> None:
         self._queue.put((channel, payload))
 
-    def dock(self) -> tuple[DockingRecord, str]:
-        """Run to the end; the record and the cause if something other than the docking ended it."""
-        cause = self._await_ready() or self._ask_start() or self._watch()
-        self._record.release()
-        return self._record, cause
+    def collect(self) -> Collection:
+        """Run to the end."""
+        cause = self._await_ready() or self._watch()
+        self._recorder.current.release()
+        return Collection(self._recorder.records, cause, self._memory)
 
     def _await_ready(self) -> str:
         deadline_ns = self._clock.now_ns() + round(READY_TIMEOUT_S * NS_PER_S)
@@ -215,37 +267,51 @@ class _Session:
                 return f"not ready in {READY_TIMEOUT_S:.0f} s: {', '.join(sorted(missing))}"
             self._drain(0.1)
 
-    def _ask_start(self) -> str:
-        """Ask the supervisor, again with the same id until it answers: it docks once."""
-        request_id = f"sim-{secrets.token_hex(4)}"
-        for number in range(1, 6):
-            now_ns = self._clock.now_ns()
-            request = DockRequest(request_id, now_ns + 5 * NS_PER_S, "start")
-            header = Header(STATION, os.getpid(), number, now_ns, self._clock.boot_id)
-            reply = self._bus.request(DOCK_REQUEST, encode(request, header), timeout_s=1.0)
-            if reply is not None:
-                _, answer = decode(Answer, reply)
-                return "" if answer.outcome == "accepted" else f"start {answer.outcome}: {answer.reason}"
-        return "the supervisor does not answer"
+    def _ask(self) -> None:
+        """Hand on what the collector asks; it asks again with the same id until it has an answer."""
+        now_ns = self._clock.now_ns()
+        request = self._collector.step(now_ns)
+        if request is None:
+            return
+        self._requests += 1
+        header = Header(STATION, os.getpid(), self._requests, now_ns, self._clock.boot_id)
+        channel: Channel[Any] = LOCK_REQUEST if isinstance(request, LockRequest) else DOCK_REQUEST
+        reply = self._bus.request(channel, encode(request, header), timeout_s=1.0)
+        if reply is not None:
+            self._collector.answered(decode(Answer, reply)[1])
 
     def _watch(self) -> str:
-        deadline_ns = self._clock.now_ns() + round(RUN_TIMEOUT_S * NS_PER_S)
+        deadline_ns = self._clock.now_ns() + round(self._run.trolleys * RUN_TIMEOUT_S * NS_PER_S)
         died, died_ns = "", 0
         while True:
             self._drain(0.05)
             now_ns = self._clock.now_ns()
-            self._run.progress(self._record)
+            self._run.progress(self._recorder.current)
+            self._weigh(now_ns)
             if self._interrupted():
                 return "interrupted"
+            if died:
+                if now_ns - died_ns > _AFTER_DEATH_NS:
+                    return died
+                continue
+            died, died_ns = self._death(), now_ns
+            if not died and self._collector.finished:
+                self._drain(0.3)
+                return self._collector.refused
             if not died:
-                died, died_ns = self._death(), now_ns
-                if not died and self._record.phase in ("done", "aborted"):
-                    self._drain(0.3)
-                    return ""
-            elif now_ns - died_ns > _AFTER_DEATH_NS:
-                return died
+                self._ask()
             if now_ns > deadline_ns:
-                return died or "time_limit"
+                return "time_limit"
+
+    def _weigh(self, now_ns: int) -> None:
+        """Note how much memory each process holds."""
+        if now_ns < self._memory_due_ns:
+            return
+        self._memory_due_ns = now_ns + _MEMORY_EVERY_NS
+        for name, child in self._children.items():
+            resident = resident_mb(child.pid)
+            if resident is not None:
+                self._memory.setdefault(name, []).append(((now_ns - self._began_ns) / NS_PER_S, resident))
 
     def _death(self) -> str:
         for name, child in self._children.items():
@@ -279,7 +345,4 @@ class _Session:
         except MessageError as error:
             print(f"davpc: {channel.key}: {error}", file=sys.stderr)  # noqa: T201 - a fault nobody else reports
             return
-        if channel is WORLD:
-            self._record.take_truth(true_sample(message))
-        else:
-            self._record.take(channel, message, header.stamp_ns)
+        self._recorder.take(channel, message, header.stamp_ns)
