@@ -42,6 +42,7 @@ lint: $(READY) ## Format, lint, types, import rules
 
 mutate: $(READY) ## Mutation test of the gate: its tests must notice every change
 	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/gate.py tests/unit/test_gate.py
+	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/wheel_watch.py tests/unit/test_wheel_watch.py
 
 prove: $(READY) ## The gate's invariants over a million random steps, a million mutated CAN frames
 	@GATE_STEPS=1000000 FUZZ_FRAMES=1000000 $(VENV)/bin/python -m pytest -q tests/unit/test_gate_properties.py tests/unit/test_canopen_fuzz.py

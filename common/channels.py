@@ -18,6 +18,7 @@ from common.messages import (
     LeaderState,
     LedRequest,
     LockRequest,
+    ManualRequest,
     Message,
     Mission,
 )
@@ -30,7 +31,8 @@ M = TypeVar("M", bound=Message)
 class Channel(Generic[M]):
     """One key.
 
-    ``publisher`` is the one process that may publish (for a request: that answers it); ``reach`` says whether
+    ``publisher`` is the one process that may publish (for a request: that answers it; in the phase ``manual`` a
+    person's station publishes commands instead of the controller); ``reach`` says whether
     the key leaves the robot. ``rate_hz`` is 0 for what has no fixed rate.
     """
 
@@ -58,6 +60,7 @@ DRIVES = Channel("follower/state/drives", Drives, "follower-can-bridge", 100, 50
 FOLLOWER_SUMMARY = Channel("follower/state/summary", FollowerSummary, "follower-supervisor", 10, 500, reach="pair")
 LEADER_STATE = Channel("leader/state", LeaderState, "leader", 10, 500, reach="pair")
 DOCK_REQUEST = Channel("follower/request/dock", DockRequest, "follower-supervisor", 0, 0, kind="request")
+MANUAL_REQUEST = Channel("follower/request/manual", ManualRequest, "follower-supervisor", 0, 0, kind="request")
 LOCK_REQUEST = Channel("leader/request/lock", LockRequest, "leader", 0, 0, reach="pair", kind="request")
 LED_REQUEST = Channel("leader/request/led", LedRequest, "leader", 0, 0, reach="pair", kind="request")
 
@@ -72,6 +75,7 @@ CHANNELS: tuple[Channel[Any], ...] = (
     FOLLOWER_SUMMARY,
     LEADER_STATE,
     DOCK_REQUEST,
+    MANUAL_REQUEST,
     LOCK_REQUEST,
     LED_REQUEST,
 )

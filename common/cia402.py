@@ -25,6 +25,7 @@ class Mode(IntEnum):
     PROFILE_POSITION = 1
     PROFILE_VELOCITY = 3
     PROFILE_TORQUE = 4
+    HOMING = 6
 
 
 class Target(Enum):
@@ -43,9 +44,13 @@ ENABLE_OPERATION = 0x000F
 FAULT_RESET = 0x0080
 NEW_SETPOINT = 0x0010
 CHANGE_AT_ONCE = 0x0020
+START_HOMING = 0x0010
 
 STATUS_VOLTAGE = 0x0010
 STATUS_SETPOINT_ACKNOWLEDGE = 0x1000
+STATUS_TARGET_REACHED = 0x0400
+STATUS_HOMING_ATTAINED = 0x1000
+STATUS_HOMING_ERROR = 0x2000
 
 # statusword & mask == value: CiA 402, table "state coding"; the first four need bit 5 only where it is in the mask
 _CODING: tuple[tuple[int, int, DriveState], ...] = (

@@ -258,6 +258,10 @@ class SupervisorConfig(Section):
     push_limit_m: Positive
     retract_speed_m_s: Annotated[float, Field(gt=0, le=0.1)]
     retract_distance_m: Positive
+    manual_speed_m_s: Annotated[float, Field(gt=0, le=0.1, description="most that a person may ask for by hand")] = (
+        0.10
+    )
+    manual_turn_rad_s: Annotated[float, Field(gt=0, le=0.3)] = 0.30
     acquire_timeout_s: Positive
     approach_timeout_s: Positive
     lost_timeout_s: Positive
@@ -322,6 +326,17 @@ class ArmsConfig(Section):
         return self
 
 
+class HomingConfig(Section):
+    """How an axis with an incremental encoder finds its place (CiA 402 mode 6). Units: rad, or m for the lift."""
+
+    method: Annotated[int, Field(ge=-128, le=127, description="6098h, in the motor's direction")]
+    position: Annotated[float, Field(description="where the axis stands at its home")]
+    search_speed: Annotated[float, Field(gt=0, le=0.5, description="6099h:01, per second, towards the switch")]
+    zero_speed: Annotated[float, Field(gt=0, le=0.5, description="6099h:02, per second, away from it")]
+    acceleration: Annotated[float, Field(gt=0, le=5.0, description="609Ah, per second squared")]
+    timeout_s: Annotated[float, Field(gt=0, le=120)] = 30.0
+
+
 class DriveConfig(Section):
     """One CiA 402 drive on the bus."""
 
@@ -333,6 +348,13 @@ class DriveConfig(Section):
     rated_torque_n_m: Annotated[Positive, Field(description="of the motor, before the gear: 6076h")] = 0.5
     max_torque_permille: Annotated[int, Field(ge=0, le=3000, description="of the rated torque: 6072h")] = 1000
     serial: Annotated[int, Field(ge=0, lt=2**32, description="1018h:04; 0 takes any")] = 0
+    homing: Annotated[HomingConfig | None, Field(description="none: an absolute encoder, read at start")] = None
+
+    @model_validator(mode="after")
+    def _one_zero(self) -> DriveConfig:
+        if self.homing is not None and self.zero_counts:
+            raise ValueError("zero_counts is of an absolute encoder: with homing the position at home says it")
+        return self
 
 
 class BusConfig(Section):
@@ -358,6 +380,7 @@ class FollowerCanConfig(Section):
     grippers: Annotated[tuple[DriveConfig, ...], Field(min_length=2, max_length=2)]
     lift: DriveConfig
     io_node_id: Annotated[int, Field(ge=1, le=127)]
+    shadow: Annotated[bool, Field(description="never enable a drive; tell what would have been commanded")] = False
     watchdog_ms: Annotated[int, Field(ge=20, le=80)]
     wheel_ramp_m_s2: Annotated[float, Field(gt=0, le=1.0, description="the drives' own: 6083h to 6085h")]
     lift_lead_m: Annotated[Positive, Field(description="lift per turn of the lead screw")]
@@ -368,6 +391,12 @@ class FollowerCanConfig(Section):
     def drives(self) -> tuple[DriveConfig, ...]:
         """All eleven, in the order wheels, joints, grippers, lift."""
         return (self.left_wheel, self.right_wheel, *self.joints, *self.grippers, self.lift)
+
+    @model_validator(mode="after")
+    def _only_arms_are_homed(self) -> FollowerCanConfig:
+        if any(drive.homing is not None for drive in (self.left_wheel, self.right_wheel, *self.grippers)):
+            raise ValueError("homing is for joints and lift; wheels and grippers have none")
+        return self
 
     @model_validator(mode="after")
     def _ids_differ(self) -> FollowerCanConfig:
@@ -392,11 +421,14 @@ class LeaderCanConfig(Section):
 
 
 class LeaderConfig(Section):
-    """Guide and lock of the Leader."""
+    """Guide, lock and LED driver of the Leader."""
 
     lock_travel_timeout_s: Positive
     actuator_current_limit_a: Positive
     led_current_tolerance_a: Positive
+    led_rated_current_a: Annotated[Positive, Field(description="that an LED bears for ever")]
+    led_max_current_a: Annotated[float, Field(gt=0, le=5, description="that may be asked for")]
+    led_thermal_s: Annotated[Positive, Field(description="time constant of an LED's heat")]
 
 
 class BaseConfig(Section):
@@ -408,8 +440,13 @@ class BaseConfig(Section):
 
 
 class Config(Section):
-    """Everything that both robots read. ``world`` belongs to the simulated backend, which checks it itself."""
+    """Everything that both robots read. ``world`` belongs to the simulated backend, which checks it itself.
 
+    ``state_directory`` is where a robot keeps what outlives its processes: the queue's count, reports of attempts;
+    empty: systemd's, or the runtime directory.
+    """
+
+    state_directory: str = ""
     base: BaseConfig
     camera: CameraConfig
     leds: LedsConfig
@@ -431,6 +468,8 @@ class Config(Section):
             raise ValueError("supervisor.approach_speed_m_s is more than limits.v_max_m_s")
         if phases.retract_speed_m_s > -limits.v_min_m_s:
             raise ValueError("supervisor.retract_speed_m_s is more than limits.v_min_m_s allows backwards")
+        if not self.leds.current_a <= self.leader.led_rated_current_a <= self.leader.led_max_current_a:
+            raise ValueError("leds.current_a ≤ leader.led_rated_current_a ≤ leader.led_max_current_a does not hold")
         if phases.push_limit_m <= self.docking.push_stroke_m:
             raise ValueError("supervisor.push_limit_m must be more than docking.push_stroke_m")
         if self.controller.method == "paper" and self.controller.solver == "gauss_newton":

@@ -40,6 +40,7 @@ Phase = Literal[
     "retract",
     "done",
     "aborted",
+    "manual",
 ]
 PHASES: tuple[Phase, ...] = (
     "idle",
@@ -54,6 +55,7 @@ PHASES: tuple[Phase, ...] = (
     "retract",
     "done",
     "aborted",
+    "manual",
 )
 Method = Literal["paper", "davpc"]
 StateCause = Literal[
@@ -165,7 +167,9 @@ class Mission:
     ``turn`` in place at ``turn_rate_rad_s``, or ``hold``. The caps may only lower the configured limits. ``resets``
     counts a person's requests to acknowledge faults; the bridge acts on a change while it is disarmed. ``cause`` is
     why the docking ended (see :mod:`common.causes`), ``waiting`` what it waits for while it goes on;
-    ``needs_reset``: nothing begins before a person has reset it.
+    ``needs_reset``: nothing begins before a person has reset it. In phase ``manual`` a
+    person's station commands the wheels: the arms stay where they are, the fingers do as ``grip`` says and the lift
+    goes to ``lift_m``, if any.
     """
 
     SCHEMA: ClassVar[str] = "mission/2"
@@ -181,12 +185,13 @@ class Mission:
     w_max_rad_s: Annotated[float, Field(ge=0, le=2)]
     goal_theta_rad: Angle
     desired_features: Annotated[tuple[Point2, ...], Field(max_length=12)]
-    grip: Literal["open", "closed"]
+    grip: Literal["open", "closed", "stay"]
     push: bool
     resets: Count
     waiting: Text = ""
     needs_reset: bool = False
     turn_rate_rad_s: Annotated[float, Field(ge=-2, le=2)] = 0.0
+    lift_m: Annotated[float, Field(ge=0, le=2)] | None = None
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -264,10 +269,11 @@ class Drives:
     """What the bus says, and what the gate let through to it.
 
     ``v_set``/``w_set`` are what was last sent; ``command_sequence`` is the last command that was accepted and
-    ``image_to_can_ns`` the time from its image's capture to its first frame on the bus.
+    ``image_to_can_ns`` the time from its image's capture to its first frame on the bus. In ``shadow`` the drives are
+    never enabled: ``state`` and what is set are as if they were, what is measured is measured.
     """
 
-    SCHEMA: ClassVar[str] = "drives/1"
+    SCHEMA: ClassVar[str] = "drives/2"
     state: Literal["starting", "disarmed", "enabling", "armed", "stopped", "fault"]
     cause: Text
     epoch: Count
@@ -287,6 +293,7 @@ class Drives:
     image_to_can_ns: Count
     gate_rule: Text
     gate_interventions: Count
+    shadow: bool = False
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -352,6 +359,21 @@ class DockRequest:
     expires_ns: Ns
     action: Literal["start", "abort", "reset"]
     trolley: Annotated[int, Field(ge=1, le=99)] = 1
+
+
+@dataclass(frozen=True, config=STRICT)
+class ManualRequest:
+    """A person wants to move the robot by hand: ``start`` arms the phase ``manual``, ``stop`` ends it.
+
+    It lasts only while commands of its epoch keep coming from whoever asked. ``lift_m`` None leaves the lift.
+    """
+
+    SCHEMA: ClassVar[str] = "manual_request/1"
+    id: Text
+    expires_ns: Ns
+    action: Literal["start", "stop"]
+    grip: Literal["open", "closed", "stay"] = "stay"
+    lift_m: Annotated[float, Field(ge=0, le=1)] | None = None
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -1,19 +1,18 @@
 """The bench of the stop times: bridge and controller as processes, simulated drives with the wheels up, a stop watch.
 
-Estimator, supervisor and arms are played by a feeder that publishes what they would. Every frame on the bus passes
-the stop watch. A canary thread notices when the host itself stood still, so that such a trial can be repeated.
+Estimator, supervisor and arms are played by a feeder that publishes what they would: controller and bridge are killed
+here by the hundred, the others in :mod:`experiments.stop_robot`. Every frame on the bus passes the stop watch. A
+canary thread notices when the host itself stood still, so that such a trial can be repeated.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import math
 import os
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +23,7 @@ from common.config import load_config
 from common.executor import earlier_processes
 from common.messages import Drives, decode
 from experiments.stop_feeder import SPEED_M_S, Feeder
+from experiments.stop_process import Starter
 from experiments.stop_watch import Canary, StopWatch
 from sim.can_nodes import FollowerBus
 from sim.can_server import CanServer
@@ -31,7 +31,6 @@ from sim.can_server import CanServer
 BRIDGE, CONTROLLER = "follower-can-bridge", "follower-controller"
 READY_S, UNDER_WAY_S, ARMING_ATTEMPTS = 30.0, 15.0, 5
 _PRIORITY = 70
-_PR_SET_PDEATHSIG = 1
 
 
 class StopBench:
@@ -45,10 +44,12 @@ class StopBench:
         self.config = load_config(config_path, self._overrides)
         wheel = self.config.follower_can.left_wheel
         self._counts_per_rad = wheel.counts_per_turn * wheel.gear_ratio / (2 * math.pi)
-        self._path, self._runtime, self._logs = config_path, runtime, logs
+        self._logs = logs
+        self._starter = Starter(config_path, self._overrides, runtime, logs)
         self._robot = FollowerBus.build(self.config.follower_can, config_path)
-        self.watch = StopWatch(self._robot)
-        buses = {self.config.follower_can.bus.channel: self.watch}
+        watch = StopWatch(self._robot)
+        self.watch = watch.notes
+        buses = {self.config.follower_can.bus.channel: watch}
         self._server = CanServer(self._listener, buses, time.monotonic_ns, before=self._turn_wheels)
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._bus = Bus("station", runtime, earlier_processes("station"))
@@ -77,12 +78,11 @@ class StopBench:
             TimeoutError: it did not come to that.
             RuntimeError: a process died by itself.
         """
-        self.feeder.muted.clear()
         self.feeder.armed = False
         for name in (BRIDGE, CONTROLLER):
             child = self._children.get(name)
             if child is None or child.poll() is not None:
-                self._children[name] = self._start(name)
+                self._children[name] = self._starter.start(name)
         self._await(lambda: {BRIDGE, CONTROLLER} <= self._bus.alive(), READY_S, "bridge and controller are not ready")
         for _ in range(ARMING_ATTEMPTS):
             if self._arm():
@@ -127,22 +127,6 @@ class StopBench:
                 raise TimeoutError(f"{what} after {timeout_s:.0f} s: see the logs in {self._logs}")
             time.sleep(0.01)
 
-    def _start(self, name: str) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", "station.cli", "run", name, "--runtime", str(self._runtime)]
-        command += ["--config", str(self._path.resolve())]
-        for override in self._overrides:
-            command += ["--set", override]
-        with (self._logs / f"{name}.log").open("ab") as log:
-            environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-            return subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                env=environment,
-                preexec_fn=_die_with_parent,
-            )
-
     def _turn_wheels(self, now_ns: int) -> None:
         """Wheels up: they do what they are told."""
         for wheel in (self._robot.left_wheel, self._robot.right_wheel):
@@ -154,9 +138,3 @@ class StopBench:
         """Above the processes under test, so that the watch is not late; the canary tells where that is refused."""
         with contextlib.suppress(PermissionError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
-
-
-def _die_with_parent() -> None:
-    """In the child: ordinary scheduling, which it raises itself as on the robot, and no life without its parent."""
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -18,7 +18,7 @@ _FEED_PERIOD_NS = NS_PER_S // 120
 
 
 class Feeder:
-    """Publishes docking states at 60 Hz, missions at 20 Hz, arm set-points at 120 Hz, except those in ``muted``."""
+    """Publishes docking states at 60 Hz, missions at 20 Hz, arm set-points at 120 Hz."""
 
     def __init__(self, bus: Bus, config: Config) -> None:
         self._bus, self._config = bus, config
@@ -27,7 +27,6 @@ class Feeder:
         self._out = {name: Outbox(name, secrets.randbits(62), self._clock.boot_id) for name in names}
         self.epoch = 0
         self.armed = False
-        self.muted: set[str] = set()
         self._beats = 0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._feed, name="feeder", daemon=True)
@@ -50,7 +49,7 @@ class Feeder:
             self._send("follower-supervisor", MISSION, self._mission(), 6)
 
     def _send(self, source: str, channel: Channel[Any], message: Message, every: int) -> None:
-        if self._beats % every == 0 and source not in self.muted:
+        if self._beats % every == 0:
             self._bus.publish(channel, self._out[source].pack(channel, message, self._clock.now_ns()))
 
     def _state(self, now_ns: int) -> DockingState:

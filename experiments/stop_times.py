@@ -1,6 +1,7 @@
 """``davpc experiment stop-times``: how long until the wheels are told to stop when a process dies or stands still.
 
-SAFETY.md, rows 1–6 and 27. ``run`` writes ``results.json`` with ``rows`` of method, n and metrics [ms].
+SAFETY.md, rows 1–6, 27 and 49. ``run`` writes ``results.json`` with ``rows`` of method, n and metrics [ms].
+Controller and bridge die on a bench of their own, wheels up; camera, estimator, supervisor and arms in a whole robot.
 Stop time: from the fault to the first frame that commands zero or quick stop; with the bridge dead or stopped, from
 its last RPDO until both drives are in quick stop. Limits: 150 ms, 250 ms for what stands above the controller, and
 120 ms for the bridge.
@@ -8,6 +9,7 @@ its last RPDO until both drives are in quick stop. Limits: 150 ms, 250 ms for wh
 
 from __future__ import annotations
 
+import math
 import signal
 import statistics
 import tempfile
@@ -21,6 +23,7 @@ from common.config import default_config_path, load_config
 from common.timing import NS_PER_MS, MonotonicClock
 from experiments.results import configuration, write_json
 from experiments.stop_bench import BRIDGE, CONTROLLER, StopBench
+from experiments.stop_robot import StopRobot
 
 HOST_STALL_MS = 20.0
 MAX_REPEATS = 10
@@ -30,23 +33,24 @@ _RESUMED_S = 0.3
 
 @dataclass(frozen=True)
 class Method:
-    """A fault: what is done to which process or source, and how long the stop may take [ms]."""
+    """A fault: what is sent to which process, how long the stop may take [ms], and its share of the trials."""
 
     name: str
     limit_ms: float
-    process: str = ""
-    number: signal.Signals | None = None
-    source: str = ""
+    process: str
+    number: signal.Signals
+    share: float
 
 
 METHODS = (
-    Method("controller_kill", 150, CONTROLLER, signal.SIGKILL),
-    Method("controller_stop", 150, CONTROLLER, signal.SIGSTOP),
-    Method("bridge_kill", 120, BRIDGE, signal.SIGKILL),
-    Method("bridge_stop", 120, BRIDGE, signal.SIGSTOP),
-    Method("estimator_silent", 250, source="follower-estimator"),
-    Method("supervisor_silent", 250, source="follower-supervisor"),
-    Method("arms_silent", 250, source="follower-arms"),
+    Method("controller_kill", 150, CONTROLLER, signal.SIGKILL, 1.0),
+    Method("controller_stop", 150, CONTROLLER, signal.SIGSTOP, 1.0),
+    Method("bridge_kill", 120, BRIDGE, signal.SIGKILL, 0.5),
+    Method("bridge_stop", 120, BRIDGE, signal.SIGSTOP, 0.5),
+)
+ROBOT_METHODS = tuple(
+    Method(f"{name}_kill", 250, f"follower-{name}", signal.SIGKILL, 0.3)
+    for name in ("camera", "estimator", "supervisor", "arms")
 )
 
 
@@ -72,7 +76,7 @@ def run(
     Args:
         out: folder for results and logs; made if missing.
         config_path: the robots; None: the default configuration.
-        trials: per method of killing and stopping; the silenced sources get a third of them.
+        trials: of each fault of the controller; the bridge gets half as many, the others three tenths.
         stalls: of controller or bridge, 0.2 to 10 s long.
         seed: of the random moments.
         progress: takes one line per method.
@@ -85,12 +89,14 @@ def run(
         StopBench(config_path or default_config_path(), Path(runtime), out) as bench,
     ):
         for method in METHODS:
-            count = trials if method.process else -(-trials // 3)
-            row = _row(method, _trials(bench, method, count, random))
-            rows.append(row)
-            progress(_line(row))
+            rows.append(_row(method, _trials(lambda m=method: _trial(bench, m, random), method, trials)))  # type: ignore[misc]
+            progress(_line(rows[-1]))
         if stalls:
             rows.append(_stall_row(bench, stalls, random))
+            progress(_line(rows[-1]))
+    with StopRobot(config_path or default_config_path(), out) as robot:
+        for method in ROBOT_METHODS:
+            rows.append(_row(method, _trials(lambda m=method: _robot_trial(robot, m, random), method, trials)))  # type: ignore[misc]
             progress(_line(rows[-1]))
     settings = configuration(load_config(config_path or default_config_path()))
     results = {
@@ -103,17 +109,32 @@ def run(
     return write_json(out / "results.json", results)
 
 
-def _trials(bench: StopBench, method: Method, count: int, random: Random) -> tuple[list[Trial], int]:
+def _trials(one: Callable[[], Trial], method: Method, trials: int) -> tuple[list[Trial], int]:
     """Trials during which the host did not stand still, and how many had to be repeated."""
+    count = math.ceil(trials * method.share)
     kept: list[Trial] = []
     repeated = 0
     while len(kept) < count:
-        trial = _trial(bench, method, random)
+        trial = one()
         if trial.host_ms > HOST_STALL_MS and repeated < MAX_REPEATS * count:
             repeated += 1
             continue
         kept.append(trial)
     return kept, repeated
+
+
+def _robot_trial(robot: StopRobot, method: Method, random: Random) -> Trial:
+    """One process of the whole robot dies under way; from then to the first frames that stop the wheels."""
+    robot.get_under_way()
+    robot.pause(random.uniform(0.0, 0.1))
+    robot.canary.restart()
+    robot.watch.restart()
+    fault_ns = MonotonicClock().now_ns()
+    robot.kill(method.process)
+    robot.pause(_OBSERVED_S)
+    watch = robot.watch
+    stop_ms = (watch.told_ns - fault_ns) / NS_PER_MS if watch.told_ns is not None else float("inf")
+    return Trial(stop_ms, robot.canary.worst_ms(), watch.moved_after_stop)
 
 
 def _trial(bench: StopBench, method: Method, random: Random) -> Trial:
@@ -123,10 +144,7 @@ def _trial(bench: StopBench, method: Method, random: Random) -> Trial:
     bench.canary.restart()
     watch.restart()
     fault_ns = clock.now_ns()
-    if method.number is not None:
-        bench.signal(method.process, method.number)
-    else:
-        bench.feeder.muted.add(method.source)
+    bench.signal(method.process, method.number)
     bench.pause(_OBSERVED_S)
     host_ms = bench.canary.worst_ms()
     from_ns, stop_ns = fault_ns, watch.told_ns

@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
+from common.background import BackgroundWriter, state_directory
 from common.canopen_bus import BusLostError
 from common.canopen_io import LeaderInputs, LeaderIo
-from common.channels import LEADER_STATE, LOCK_REQUEST
+from common.channels import FOLLOWER_SUMMARY, LEADER_STATE, LED_REQUEST, LOCK_REQUEST
 from common.messages import Answer, LeaderState
 from common.node import DeviceError, Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
+from leader.queue_file import QUEUE_FILE, content, read
 from leader.sequence import IoInputs, LeaderSequence
 
 _STEPS_PER_HEARTBEAT = 5
@@ -22,13 +24,21 @@ class LeaderNode(Node):
     """Exchanges with the I/O module at 50 Hz; its state at 10 Hz, and at once when it changes, is the heartbeat."""
 
     name = "leader"
+    inputs = (FOLLOWER_SUMMARY,)
     outputs = (LEADER_STATE,)
-    serves = (LOCK_REQUEST,)
+    serves = (LOCK_REQUEST, LED_REQUEST)
     trigger = Trigger(period_ns=NS_PER_S // 50)
 
     def __init__(self, context: NodeContext) -> None:
         config = context.config
-        self._sequence = LeaderSequence(config.leader, config.leds)
+        self._queue_path = state_directory(config.state_directory, context.runtime) / QUEUE_FILE
+        kept = read(self._queue_path)
+        if kept.warning:
+            _log.warning("%s", kept.warning)
+        self._kept = kept.count
+        self._sequence = LeaderSequence(config.leader, config.leds, kept.count)
+        self._writer = BackgroundWriter(limit=4)
+        self._write_fault = ""
         self._io = LeaderIo(config.leader_can, context.config_path, len(config.leds.positions_m))
         self._seen: IoInputs | None = None
         self._published: LeaderState | None = None
@@ -41,21 +51,39 @@ class LeaderNode(Node):
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
         """One exchange with the module and one step of the sequence."""
-        requests = inputs.requests(LOCK_REQUEST)
+        locks, leds = inputs.requests(LOCK_REQUEST), inputs.requests(LED_REQUEST)
         seen = self._exchange(now_ns)
         if seen is None:
-            refused = [Answer(received.message.id, "refused", "I/O module silent") for received in requests]
-            silent = _silent(len(self._sequence.outputs.led_current_a))
-            return [*self._heartbeat(silent), *((LOCK_REQUEST, answer) for answer in refused)]
-        for received in requests:
-            self._sequence.request(received.message, received.receipt_ns, now_ns, seen)
-        state, answers = self._sequence.step(now_ns, seen)
-        return [*self._heartbeat(state), *((LOCK_REQUEST, answer) for answer in answers)]
+            answers: list[Output] = [(LOCK_REQUEST, _unreachable(received.message.id)) for received in locks]
+            answers += [(LED_REQUEST, _unreachable(received.message.id)) for received in leds]
+            return [*self._heartbeat(_silent(len(self._sequence.outputs.led_current_a), self._kept)), *answers]
+        self._sequence.hear(inputs.fresh(FOLLOWER_SUMMARY, now_ns))
+        for lock in locks:
+            self._sequence.request(lock.message, lock.receipt_ns, now_ns, seen)
+        for led in leds:
+            self._sequence.led_request(led.message, led.receipt_ns, now_ns)
+        state, due = self._sequence.step(now_ns, seen)
+        self._keep(state.queue)
+        outputs = self._heartbeat(state)
+        outputs += [(LOCK_REQUEST, answer) for answer in due.lock]
+        outputs += [(LED_REQUEST, answer) for answer in due.led]
+        return outputs
 
     def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002
         """Stop the actuator; the LEDs stay as they are."""
         self._io.close()
+        self._writer.close()
         return ()
+
+    def _keep(self, queue: int | None) -> None:
+        """Write the count when it changed, beside the loop."""
+        if queue != self._kept:
+            self._kept = queue
+            self._writer.replace(self._queue_path, content(queue))
+        if self._writer.fault != self._write_fault:
+            self._write_fault = self._writer.fault
+            if self._write_fault:
+                _log.warning("the queue's count is not kept: %s", self._write_fault)
 
     def _exchange(self, now_ns: int) -> IoInputs | None:
         """What the module reads; None while it cannot be reached."""
@@ -63,7 +91,7 @@ class LeaderNode(Node):
             return None
         told = self._sequence.outputs
         self._io.set_led_currents(told.led_current_a)
-        self._io.drive_actuator(int(told.actuator_extend) - int(told.actuator_retract))
+        self._io.drive_actuator(told.actuator)
         try:
             read = self._io.exchange(now_ns)
         except BusLostError as error:
@@ -95,7 +123,7 @@ class LeaderNode(Node):
 
 def _key(state: LeaderState) -> tuple[object, ...]:
     """What makes a state worth a message of its own; currents alone do not."""
-    return state.ready, state.cause, state.led_fault, state.guide, state.lock, state.queue
+    return state.ready, state.cause, state.led_fault, state.led_derated, state.guide, state.lock, state.queue
 
 
 def _io_inputs(read: LeaderInputs) -> IoInputs:
@@ -109,8 +137,12 @@ def _io_inputs(read: LeaderInputs) -> IoInputs:
     )
 
 
-def _silent(leds: int) -> LeaderState:
-    return LeaderState(False, "I/O module silent", (0.0,) * leds, True, "down", "fault", 0.0, 0)
+def _unreachable(request_id: str) -> Answer:
+    return Answer(request_id, "refused", "I/O module silent")
+
+
+def _silent(leds: int, queue: int | None) -> LeaderState:
+    return LeaderState(False, "I/O module silent", (0.0,) * leds, True, "down", "fault", 0.0, queue)
 
 
 def make(context: NodeContext) -> LeaderNode:

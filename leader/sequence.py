@@ -1,148 +1,107 @@
-"""LED array, guide and lock of the Leader as a pure state machine: inputs of its I/O module in, outputs out."""
+"""LED array, guide and lock of the Leader as one pure state machine: inputs of its I/O module in, outputs out."""
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from common.config import LeaderConfig, LedsConfig
-from common.messages import Answer, GuideState, LeaderState, LockRequest, LockState
-from common.timing import NS_PER_MS, NS_PER_S
-
-_LED_SETTLE_NS = NS_PER_S // 2
+from common.messages import Answer, FollowerSummary, GuideState, LeaderState, LedRequest, LockRequest
+from common.timing import NS_PER_MS
+from leader.led_array import LedArray
+from leader.lock import Lock, LockInputs
 
 
 @dataclass(frozen=True)
-class IoInputs:
+class IoInputs(LockInputs):
     """What the I/O module reads."""
 
-    led_current_a: tuple[float, ...]
-    actuator_current_a: float
-    guide_lifted: bool
-    beam_seated: bool
-    lock_extended: bool
-    lock_retracted: bool
+    led_current_a: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
 class IoOutputs:
-    """What the I/O module is told."""
+    """What the I/O module is told; the actuator: 1 extend, −1 retract, 0 stay."""
 
     led_current_a: tuple[float, ...]
-    actuator_extend: bool
-    actuator_retract: bool
+    actuator: int
+
+
+@dataclass
+class Answers:
+    """Answers that are due, by who was asked."""
+
+    lock: list[Answer] = field(default_factory=list)
+    led: list[Answer] = field(default_factory=list)
 
 
 class LeaderSequence:
-    """Steps at 50 Hz. The LEDs are on whenever the Leader runs; the lock moves on request only."""
+    """Steps at 50 Hz. The LEDs are on whenever the Leader runs; the lock moves on request only.
 
-    def __init__(self, config: LeaderConfig, leds: LedsConfig) -> None:
-        self._config = config
-        self._leds = leds
-        self._lock: LockState | None = None
-        self._since_ns = 0
-        self._cause = ""
-        self._pending: tuple[str, str] | None = None
-        self._queue = 0
-        self._led_bad_since_ns: int | None = None
-        self._answers: deque[Answer] = deque()
+    Args:
+        config: lock and LED limits.
+        leds: the array.
+        queue: how many trolleys were locked before this start; None: not known.
+    """
 
-    def request(self, request: LockRequest, received_ns: int, now_ns: int, seen: IoInputs) -> None:
-        """Take a request; its answer comes out of :meth:`step` once it is settled."""
-        self._find_lock(now_ns, seen)
-        if now_ns - received_ns > request.valid_for_ms * NS_PER_MS:
-            self._answers.append(Answer(request.id, "expired", "waited longer than it was valid"))
-            return
-        refusal = self._refusal(request, seen)
-        if request.action == "confirm" and not refusal:
-            self._queue = request.trolley
-            self._answers.append(Answer(request.id, "done", f"still locked, {self._queue} trolleys"))
-        elif refusal:
-            self._answers.append(Answer(request.id, "refused", refusal))
-        elif (request.action == "lock") == (self._lock == "locked") and self._lock in ("locked", "open"):
-            self._answers.append(Answer(request.id, "done", f"already {self._lock}"))
-        else:
-            self._pending = (request.id, request.action)
-            self._enter("closing" if request.action == "lock" else "opening", now_ns)
+    def __init__(self, config: LeaderConfig, leds: LedsConfig, queue: int | None) -> None:
+        self._lock = Lock(config, queue)
+        self._leds = LedArray(config, leds)
+        self._due = Answers()
+        self._follower: FollowerSummary | None = None
+
+    @property
+    def queue(self) -> int | None:
+        """How many trolleys are locked; None: not known."""
+        return self._lock.queue
 
     @property
     def outputs(self) -> IoOutputs:
         """What the module is to be told now."""
-        currents = tuple(self._leds.current_a for _ in self._leds.positions_m)
-        return IoOutputs(currents, self._lock == "closing", self._lock == "opening")
+        return IoOutputs(self._leds.currents_a, self._lock.direction)
 
-    def step(self, now_ns: int, seen: IoInputs) -> tuple[LeaderState, list[Answer]]:
-        """One step: the state to publish, and answers that are due."""
-        self._find_lock(now_ns, seen)
-        if self._lock == "closing":
-            if seen.lock_extended:
-                self._queue += 1
-                self._settle("locked", "done", "locked", now_ns)
-            elif seen.actuator_current_a > self._config.actuator_current_limit_a:
-                self._settle("fault", "refused", "actuator jammed: current limit", now_ns)
-            elif now_ns - self._since_ns > self._config.lock_travel_timeout_s * NS_PER_S:
-                self._settle("fault", "refused", "lock switch not reached in time", now_ns)
-        elif self._lock == "opening":
-            if seen.lock_retracted:
-                self._settle("open", "done", "open", now_ns)
-            elif now_ns - self._since_ns > self._config.lock_travel_timeout_s * NS_PER_S:
-                self._settle("fault", "refused", "retracted switch not reached in time", now_ns)
-        answers = list(self._answers)
-        self._answers.clear()
-        return self._state(now_ns, seen), answers
+    def hear(self, follower: FollowerSummary | None) -> None:
+        """The Follower's newest summary, None if it is too old; before :meth:`request` and :meth:`step`."""
+        self._follower = follower
 
-    def _find_lock(self, now_ns: int, seen: IoInputs) -> None:
-        """After a start the lock is where its switches say it is, wherever this process believed it to be."""
-        if self._lock is not None:
+    def request(self, request: LockRequest, received_ns: int, now_ns: int, seen: IoInputs) -> None:
+        """Take a request; its answer comes out of :meth:`step` once it is settled."""
+        if now_ns - received_ns > request.valid_for_ms * NS_PER_MS:
+            self._due.lock.append(Answer(request.id, "expired", "waited longer than it was valid"))
             return
-        if seen.lock_extended == seen.lock_retracted:
-            self._cause = "after the start both lock switches are closed, or neither"
-            self._enter("fault", now_ns)
-        else:
-            self._enter("locked" if seen.lock_extended else "open", now_ns)
+        answer = self._lock.ask(request, now_ns, seen, self._follower)
+        if answer is not None:
+            self._due.lock.append(answer)
 
-    def _refusal(self, request: LockRequest, seen: IoInputs) -> str:
-        if self._pending is not None:
-            return f"busy with request {self._pending[0]}"
-        if self._lock == "fault":
-            return f"lock fault: {self._cause}"
-        if request.action == "lock" and self._lock == "open" and not seen.beam_seated:
-            return "no beam in the guide"
-        if request.action == "confirm" and self._lock != "locked":
-            return f"the lock is {self._lock}"
-        if request.action == "confirm" and self._queue not in (request.trolley - 1, request.trolley):
-            return f"{self._queue} trolleys are counted, not {request.trolley - 1}"
-        return ""
+    def led_request(self, request: LedRequest, received_ns: int, now_ns: int) -> None:
+        """Take a request for the LEDs; its answer comes out of the next :meth:`step`."""
+        if now_ns - received_ns > request.valid_for_ms * NS_PER_MS:
+            self._due.led.append(Answer(request.id, "expired", "waited longer than it was valid"))
+            return
+        refusal = self._leds.ask(request)
+        told = ", ".join(f"{current:.2f}" for current in self._leds.currents_a)
+        self._due.led.append(Answer(request.id, "refused" if refusal else "done", refusal or f"told {told} A"))
 
-    def _settle(self, lock: LockState, outcome: str, reason: str, now_ns: int) -> None:
-        if self._pending is not None:
-            self._answers.append(Answer(self._pending[0], "done" if outcome == "done" else "refused", reason))
-            self._pending = None
-        if lock == "fault":
-            self._cause = reason
-        self._enter(lock, now_ns)
+    def step(self, now_ns: int, seen: IoInputs) -> tuple[LeaderState, Answers]:
+        """One step: the state to publish, and answers that are due."""
+        settled = self._lock.step(now_ns, seen, self._follower)
+        if settled is not None:
+            self._due.lock.append(settled)
+        self._leds.step(now_ns, seen.led_current_a)
+        due, self._due = self._due, Answers()
+        return self._state(seen), due
 
-    def _enter(self, lock: LockState, now_ns: int) -> None:
-        self._lock = lock
-        self._since_ns = now_ns
-
-    def _state(self, now_ns: int, seen: IoInputs) -> LeaderState:
-        nominal, tolerance = self._leds.current_a, self._config.led_current_tolerance_a
-        off = [n for n, current in enumerate(seen.led_current_a) if abs(current - nominal) > tolerance]
-        if not off:
-            self._led_bad_since_ns = None
-        elif self._led_bad_since_ns is None:
-            self._led_bad_since_ns = now_ns
-        led_fault = self._led_bad_since_ns is not None and now_ns - self._led_bad_since_ns > _LED_SETTLE_NS
+    def _state(self, seen: IoInputs) -> LeaderState:
+        leds, lock = self._leds, self._lock
         guide: GuideState = "seated" if seen.beam_seated else "lifted" if seen.guide_lifted else "down"
-        cause = f"LED {off[0]} draws {seen.led_current_a[off[0]]:.2f} A" if led_fault else self._cause
         return LeaderState(
-            ready=not off and self._lock != "fault",
-            cause=cause,
+            ready=leds.lit and lock.state != "fault",
+            cause="; ".join(filter(None, (lock.cause if lock.state == "fault" else "", leds.cause)))[:400],
             led_current_a=seen.led_current_a,
-            led_fault=led_fault,
+            led_fault=leds.fault,
             guide=guide,
-            lock=self._lock or "fault",
+            lock=lock.state,
             actuator_current_a=max(0.0, seen.actuator_current_a),
-            queue=self._queue,
+            queue=lock.queue,
+            led_setpoint_a=leds.currents_a,
+            led_derated=leds.derated,
         )

@@ -1,7 +1,8 @@
 """A simulated CiA 402 drive: state machine, profile velocity, torque and position, ramps, encoder, watchdog reaction.
 
 It tells a plant what the motor is told and takes what the plant measured, both at the output shaft. Not modelled:
-current control, commutation, temperature, homing; the torque limit is left to the plant.
+current control, commutation, temperature; the torque limit is left to the plant. With homing configured
+the encoder is incremental: it counts from where the drive was switched on (:mod:`sim.drive_homing`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from common.config import DriveConfig
 from sim.can_faults import EncoderFault
 from sim.canopen_device import CanopenDevice
 from sim.canopen_pdo import Key
+from sim.drive_homing import HomingRun
 from sim.drive_profile import approach, ramp
 
 
@@ -37,6 +39,8 @@ UNDERVOLTAGE_V = 18.0
 _REMOTE = 0x0200
 _TARGET_REACHED = 0x0400
 _BIT_12 = 0x1000
+_HOMING_ERROR = 0x2000
+_POSITION_MODES = (1, 6)
 _INT32 = 1 << 32
 Effort = Literal["none", "velocity", "torque", "position"]
 _EFFORTS: dict[int, Effort] = {1: "position", 3: "velocity", 4: "torque"}
@@ -51,7 +55,10 @@ class Drive402(CanopenDevice):
     def __init__(self, config: DriveConfig, eds: Path, units_per_turn: float = 2 * math.pi) -> None:
         super().__init__(config.node_id, eds, config.serial)
         self._counts_per_unit = config.counts_per_turn * config.gear_ratio * config.sign / units_per_turn
-        self._zero_counts = config.zero_counts
+        # raw counts are the shaft's place plus this; unknown until an incremental encoder is switched on
+        self._offset: int | None = None if config.homing else config.zero_counts
+        switch = config.homing.position * self._counts_per_unit if config.homing else 0.0
+        self._homing = HomingRun(switch)
         self._permille_per_n_m = 1000.0 * config.sign / (config.rated_torque_n_m * config.gear_ratio)
         self.values[0x6076, 0] = round(config.rated_torque_n_m * 1000)
         self.state = PowerState.SWITCH_ON_DISABLED
@@ -103,7 +110,8 @@ class Drive402(CanopenDevice):
     @property
     def position_setpoint(self) -> float:
         """Position of the output shaft: on its way to the target, or held where it was stopped."""
-        held = self.state is not PowerState.OPERATION_ENABLED or self.values[0x6061, 0] != 1
+        mode = self.values[0x6061, 0]
+        held = self.state is not PowerState.OPERATION_ENABLED or mode not in _POSITION_MODES
         return self._hold if held else self._position / self._counts_per_unit
 
     def set_measured(self, position_rad: float, velocity_rad_s: float, torque_n_m: float) -> None:
@@ -126,6 +134,8 @@ class Drive402(CanopenDevice):
             self._torque = 0.0 if stopping else self._move_torque(elapsed_s)
         elif mode == 1 and not stopping:
             self._move_position(elapsed_s)
+        elif mode == 6 and not stopping:
+            self._move_homing(elapsed_s)
         if self._after_ramp is not None and (mode != 3 or self._velocity == 0.0):
             self._enter(self._after_ramp)
 
@@ -133,7 +143,7 @@ class Drive402(CanopenDevice):
         """Act on controlword, mode and targets."""
         if key == (0x6040, 0):
             self._obey(self.values[key])
-        elif key == (0x6060, 0) and self.values[key] in (0, 1, 3, 4):
+        elif key == (0x6060, 0) and self.values[key] in (0, 1, 3, 4, 6):
             self.values[0x6061, 0] = self.values[key]
 
     def sampled(self) -> None:
@@ -141,7 +151,9 @@ class Drive402(CanopenDevice):
         position, velocity = self.encoder.read(self._measured[0], self._measured[1])
         torque = self._measured[2]
         values = self.values
-        counts = round(position * self._counts_per_unit) + self._zero_counts
+        if self._offset is None:
+            self._offset = -round(position * self._counts_per_unit)
+        counts = round(position * self._counts_per_unit) + self._offset
         values[0x6064, 0] = (counts + _INT32 // 2) % _INT32 - _INT32 // 2
         values[0x606C, 0] = round(velocity * self._counts_per_unit)
         values[0x6077, 0] = max(-32768, min(32767, round(torque * self._permille_per_n_m)))
@@ -226,6 +238,8 @@ class Drive402(CanopenDevice):
             self._after_ramp = None
         if self.state is PowerState.OPERATION_ENABLED and self.values[0x6061, 0] == 1:
             self._take_setpoint(word)
+        elif self.state is PowerState.OPERATION_ENABLED and self.values[0x6061, 0] == 6:
+            self._take_homing(word)
 
     def _start(self) -> None:
         """Into operation enabled: every profile begins where the shaft is."""
@@ -249,6 +263,7 @@ class Drive402(CanopenDevice):
     def _enter(self, state: PowerState) -> None:
         self.state = state
         self._after_ramp = None
+        self._homing.stop()
         if not self.enabled:
             self._velocity = self._torque = 0.0
 
@@ -274,7 +289,30 @@ class Drive402(CanopenDevice):
             self._acknowledged = False
         elif not self._acknowledged:
             self._acknowledged = True
-            self._goal = float(self.values[0x607A, 0] - self._zero_counts)
+            self._goal = float(self.values[0x607A, 0] - (self._offset or 0))
+
+    def _take_homing(self, word: int) -> None:
+        """Homing starts when bit 4 rises, and is interrupted when it falls."""
+        if not word & 0x10:
+            self._homing.stop()
+            self._acknowledged = False
+        elif not self._acknowledged:
+            self._acknowledged = True
+            self._homing.start(self.values[0x6098, 0])
+            self._set_home()
+
+    def _move_homing(self, elapsed_s: float) -> None:
+        if not self._homing.running:
+            return
+        speeds = float(self.values[0x6099, 1]), float(self.values[0x6099, 2])
+        measured = self._measured[0] * self._counts_per_unit
+        self._position = self._homing.step(self._position, measured, *speeds, elapsed_s)
+        self._set_home()
+
+    def _set_home(self) -> None:
+        """Home found: the counter is zero where the shaft is."""
+        if self._homing.phase == "done":
+            self._offset = -round(self._measured[0] * self._counts_per_unit)
 
     def _move_position(self, elapsed_s: float) -> None:
         if self._goal is None:
@@ -295,6 +333,10 @@ class Drive402(CanopenDevice):
         if mode == 1:
             word |= _BIT_12 if self._acknowledged else 0
             word |= _TARGET_REACHED if self._goal is not None and self._position == self._goal else 0
+        elif mode == 6:
+            word |= _BIT_12 if self._homing.phase == "done" else 0
+            word |= _HOMING_ERROR if self._homing.phase == "error" else 0
+            word |= 0 if self._homing.running else _TARGET_REACHED
         elif mode == 3:
             word |= _BIT_12 if self.values[0x606C, 0] == 0 else 0
             word |= _TARGET_REACHED if self._velocity == self.values[0x60FF, 0] else 0

@@ -12,7 +12,7 @@ import typer
 from common.config import ConfigError, default_config_path
 from common.node import DeviceError
 from common.processes import PROCESSES, process
-from station import cli_calibrate, cli_camera, cli_can, cli_experiment
+from station import cli_calibrate, cli_camera, cli_can, cli_experiment, cli_manual
 from station.cli_options import ConfigOption, SetOption, numbers
 
 EXIT_NOT_DOCKED = 1
@@ -104,6 +104,9 @@ def run(
     runtime: Annotated[Path, typer.Option(help="private folder of the robot's sockets and frames")] = Path(
         "/run/davpc"
     ),
+    shadow: Annotated[
+        bool, typer.Option("--shadow", help="the CAN bridge never enables a drive and tells what it would command")
+    ] = False,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -116,7 +119,8 @@ def run(
         raise ConfigError(str(error.args[0])) from error
     if not runtime.is_dir():
         raise ConfigError(f"{runtime}: no such folder; make it with mode 0700, or let systemd do so")
-    raise typer.Exit(run_process(name, config or default_config_path(), runtime, overrides or []))
+    chosen = [*(overrides or []), *(["follower_can.shadow=true"] if shadow else [])]
+    raise typer.Exit(run_process(name, config or default_config_path(), runtime, chosen))
 
 
 @app.command(epilog="Example:  davpc processes")
@@ -128,6 +132,9 @@ def processes() -> None:
 
 
 app.command(epilog="Example:  davpc teach 1 --runtime /run/davpc")(cli_camera.teach)
+app.command(epilog="Example:  davpc jog --speed 0.05 --seconds 2")(cli_manual.jog)
+app.command(epilog="Example:  davpc grip close")(cli_manual.grip)
+app.command(epilog="Example:  davpc lift 200")(cli_manual.lift)
 app.add_typer(cli_camera.camera, name="camera")
 app.add_typer(cli_calibrate.calibrate, name="calibrate")
 app.add_typer(cli_can.can, name="can")

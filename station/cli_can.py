@@ -85,6 +85,24 @@ def enable_test(
             raise typer.Exit(1)
 
 
+@can.command(epilog="Example:  davpc can home --arms-are-free")
+def home(
+    arms_are_free: Annotated[bool, typer.Option("--arms-are-free", help="say that the arms hold nothing")] = False,
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Find the home of each axis that has no absolute encoder, one after the other. No bridge may be running."""
+    from station.homing import Homing
+
+    if not arms_are_free:
+        raise typer.BadParameter("arms and lift will move: clear their way, then say --arms-are-free")
+    robots: Config = loaded(config, overrides)
+    for check in Homing(robots, _path(config), MonotonicClock()).run():
+        typer.echo(f"{'ok  ' if check.passed else 'FAIL'}  {check.name:28s} {check.seen}")
+        if not check.passed:
+            raise typer.Exit(1)
+
+
 def _monitor_table(rows: list[NodeRow], measured: Measurement) -> Table:
     table = Table("node", "name", "state", "position", "velocity", "torque", "age ms", "faults")
     for row in rows:

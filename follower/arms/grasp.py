@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from common.config import ArmsConfig
@@ -30,7 +30,8 @@ class GraspSequence:
     """Steps with each measurement, from :meth:`restart` on.
 
     Closing: ``reach`` to the handle's place and height, ``close``, ``hold``. Opening: ``relax`` the force first, so
-    that nothing springs away, ``open``, ``retract``.
+    that nothing springs away, ``open``, ``retract``. In place, for a person's hand, nothing but fingers and lift
+    moves, and only when asked.
     """
 
     def __init__(self, config: ArmsConfig) -> None:
@@ -41,14 +42,42 @@ class GraspSequence:
         self._firmness = 0.0
         self._angles_rad: tuple[float, float] | None = None
         self._rest_s = 0.0
+        self._lift_m = config.lift_height_m
 
-    def restart(self, handle_x_m: float, angles_rad: tuple[float, float]) -> None:
+    def restart(self, handle_x_m: float, angles_rad: tuple[float, float], lift_m: float) -> None:
         """Begin from where grippers and handle are; called while the drives do not obey, so that nothing jumps."""
         # fingers that are neither on a handle nor open may still hold one on one side: they stay closed
         self._stage = "hold" if self.gripped(angles_rad) else "retract" if self.released(angles_rad) else "close"
         self._stage_s = 0.0
         self._firmness = float(self._stage == "hold")
         self._reference_m = handle_x_m
+        self._lift_m = lift_m
+
+    def in_place(
+        self,
+        wanted: Literal["open", "closed", "stay"],
+        lift_m: float | None,
+        angles_rad: tuple[float, float],
+        dt_s: float,
+    ) -> Grasp:
+        """One step by hand: arms stay where they were at :meth:`restart`, the lift too unless ``lift_m`` is asked."""
+        self._stage_s += dt_s
+        following = self._stage if wanted == "stay" else self._next_in_place(wanted == "open", angles_rad)
+        if following != self._stage:
+            self._stage, self._stage_s = following, 0.0
+        reference_m = self._reference_m
+        grasp = self._wanted(self._stage, dt_s)
+        self._reference_m = reference_m
+        return replace(grasp, handle_x_m=reference_m, lift_m=self._lift_m if lift_m is None else lift_m)
+
+    def _next_in_place(self, opening: bool, angles_rad: tuple[float, float]) -> Stage:
+        if opening:
+            relaxed = self._stage != "hold" and (self._stage != "relax" or self._stage_s >= _RELAX_S)
+            return "open" if relaxed else "relax"
+        if self._stage in ("hold", "relax"):
+            return "hold"
+        settled = self._stage == "close" and self._stage_s >= _CLOSE_SETTLE_S
+        return "hold" if settled and self.gripped(angles_rad) else "close"
 
     def step(
         self, wanted: Literal["open", "closed"], angles_rad: tuple[float, float], lift_m: float, dt_s: float

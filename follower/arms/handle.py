@@ -76,8 +76,11 @@ class HandleHold:
             raise RuntimeError("hold() comes after feel()")
         obeyed = drives.state == "armed" and self._cause == "ok"
         if drives.state != "armed":
-            self._grasp.restart(posture.handle.x_m, drives.grip_angle_rad)
-        grasp = self._grasp.step(mission.grip, drives.grip_angle_rad, drives.lift_m, self._dt_s)
+            self._grasp.restart(posture.handle.x_m, drives.grip_angle_rad, drives.lift_m)
+        if mission.phase == "manual" or mission.grip == "stay":
+            grasp = self._grasp.in_place(mission.grip, mission.lift_m, drives.grip_angle_rad, self._dt_s)
+        else:
+            grasp = self._grasp.step(mission.grip, drives.grip_angle_rad, drives.lift_m, self._dt_s)
         self._holding = grasp.stage == "hold"
         self._push(drives, obeyed and self._holding)
         reference = Pose2(grasp.handle_x_m, 0.0, 0.0) if obeyed else posture.handle
@@ -100,8 +103,8 @@ class HandleHold:
         self._measured_ns = max(self._measured_ns, drives.measured_ns)
 
     def _watch(self, drives: Drives) -> None:
-        """Slip and collision are judged while the drives obey and a trolley is held."""
-        if drives.state != "armed" or not self._holding:
+        """Slip and collision are judged while the drives really obey and a trolley is held."""
+        if drives.state != "armed" or drives.shadow or not self._holding:
             self._slip.forget()
             self._collision.forget()
             return

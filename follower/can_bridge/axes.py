@@ -12,6 +12,8 @@ from common.canopen_node import CanopenNode, MappedObject
 from common.cia402 import (
     CHANGE_AT_ONCE,
     NEW_SETPOINT,
+    START_HOMING,
+    STATUS_HOMING_ATTAINED,
     STATUS_SETPOINT_ACKNOWLEDGE,
     DriveState,
     Mode,
@@ -20,6 +22,7 @@ from common.cia402 import (
     decode_statusword,
 )
 from common.config import DriveConfig
+from common.node import DeviceError
 
 Group = Literal["wheels", "arms"]
 Parameter = tuple[int, int, int]
@@ -82,6 +85,12 @@ class Axis:
         return 1000.0 * self.config.sign / (self.config.rated_torque_n_m * self.config.gear_ratio)
 
     @property
+    def zero_counts(self) -> int:
+        """What the encoder counts at the axis' zero: absolute, or counted from the home."""
+        homing = self.config.homing
+        return self.config.zero_counts if homing is None else -round(homing.position * self.counts_per_unit)
+
+    @property
     def holds_in_quick_stop(self) -> bool:
         """Arms keep their position when stopped, so that nothing is let go; wheels go free once they stand."""
         return self.group == "arms"
@@ -108,16 +117,25 @@ class Axis:
         """Write parameters and PDO mappings, read the state.
 
         Raises:
-            DeviceError: the node refuses, keeps another value or is silent.
+            DeviceError: the node refuses, keeps another value or is silent; or it does not know where it is.
         """
+        if self.config.homing is not None and self.mode is not Mode.HOMING:
+            self._check_homed(node)
         for index, subindex, value in self.parameters():
             node.write(index, subindex, value)
         rated = round(self.config.rated_torque_n_m * 1000.0)
         node.expect(0x6076, 0, rated, "rated torque in mN·m")
         for number, objects in enumerate(self.transmit_pdos(), start=1):
             node.map_transmit_pdo(number, objects)
-        node.map_receive_pdo(1, (CONTROLWORD, self._target_object()))
+        target = self._target_object()
+        node.map_receive_pdo(1, (CONTROLWORD, target) if target is not None else (CONTROLWORD,))
         self._see(node.read(0x6041))
+
+    def _check_homed(self, node: CanopenNode) -> None:
+        """In mode 6 the statusword tells whether home was found since the drive was switched on."""
+        node.write(0x6060, 0, int(Mode.HOMING))
+        if not node.read(0x6041) & STATUS_HOMING_ATTAINED:
+            raise DeviceError(f"node {self.node_id} ({self.name}): not homed: run davpc can home, with the arms free")
 
     def transmit_pdos(self) -> tuple[tuple[MappedObject, ...], ...]:
         """Mapping of the TPDOs: what the axis measures in this mode."""
@@ -135,7 +153,9 @@ class Axis:
         word = 0x0080 if reset else controlword(self.state, target, self.holds_in_quick_stop)
         running = self.state is DriveState.ENABLED and target is Target.ENABLED
         wanted = setpoint if running and setpoint is not None else 0.0
-        if self.mode is Mode.PROFILE_TORQUE:
+        if self.mode is Mode.HOMING:
+            data = struct.pack("<H", word | START_HOMING if running else word)
+        elif self.mode is Mode.PROFILE_TORQUE:
             limit = self.config.max_torque_permille
             data = struct.pack("<Hh", word, max(-limit, min(limit, round(wanted * self.permille_per_n_m))))
         elif self.mode is Mode.PROFILE_VELOCITY:
@@ -184,21 +204,21 @@ class Axis:
             self._counts = raw
         self._counts += (raw - previous + _INT32 // 2) % _INT32 - _INT32 // 2
         self._raw_position = raw
-        self.position = (self._counts - self.config.zero_counts) / self.counts_per_unit
+        self.position = (self._counts - self.zero_counts) / self.counts_per_unit
 
-    def _target_object(self) -> MappedObject:
+    def _target_object(self) -> MappedObject | None:
         return {
             Mode.PROFILE_VELOCITY: TARGET_VELOCITY,
             Mode.PROFILE_TORQUE: TARGET_TORQUE,
             Mode.PROFILE_POSITION: TARGET_POSITION,
-        }[self.mode]
+        }.get(self.mode)
 
     def _position_command(self, word: int, setpoint: float | None) -> bytes:
         """CiA 402 set-point handshake: raise bit 4 with a new target, lower it when bit 12 acknowledges."""
         if setpoint is None:
             self._setpoint_sent = None
             return struct.pack("<Hi", word, 0)
-        wanted = _clamp32(setpoint * self.counts_per_unit + self.config.zero_counts)
+        wanted = _clamp32(setpoint * self.counts_per_unit + self.zero_counts)
         if not self.statusword & STATUS_SETPOINT_ACKNOWLEDGE and wanted != self._setpoint_sent:
             word |= NEW_SETPOINT | CHANGE_AT_ONCE
             self._setpoint_sent = wanted
@@ -209,6 +229,7 @@ _LENGTHS: dict[Mode, tuple[int, int]] = {
     Mode.PROFILE_VELOCITY: (8, 4),
     Mode.PROFILE_TORQUE: (8, -1),
     Mode.PROFILE_POSITION: (6, -1),
+    Mode.HOMING: (6, -1),
 }
 
 

@@ -24,10 +24,10 @@ from common.canopen_node import CanopenNode, find_eds
 from common.cia402 import DriveState, Target
 from common.config import BaseConfig, FollowerCanConfig
 from common.timing import NS_PER_MS
-from follower.can_bridge.axes import Group
+from follower.can_bridge.axes import Axis, Group
 from follower.can_bridge.inbound import Inbound
 from follower.can_bridge.measurement import DriveSetpoint, Measurement
-from follower.can_bridge.robot_axes import make_axes
+from follower.can_bridge.robot_axes import make_axes, make_homing_axes
 
 _HEARTBEAT_MS = 100
 _ANSWER_NS = NS_PER_MS // 2
@@ -37,16 +37,24 @@ class DriveBus:
     """Eleven drives and one I/O module on one bus.
 
     With ``listen_only`` nothing is ever sent: it follows what another bridge does on a live bus. ``heartbeat`` is
-    withheld by the enable test only, to see the drives' watchdogs fire while they still answer SYNC.
+    withheld by the enable test only, to see the drives' watchdogs fire while they still answer SYNC. For ``homing``
+    the axes that have to find their home are in that mode, and at most the one given to :meth:`home` gets power.
     """
 
     def __init__(
-        self, config: FollowerCanConfig, base: BaseConfig, config_path: Path, listen_only: bool = False
+        self,
+        config: FollowerCanConfig,
+        base: BaseConfig,
+        config_path: Path,
+        listen_only: bool = False,
+        homing: bool = False,
     ) -> None:
         self._config = config
         self._listen_only = listen_only
+        self._homing = homing
+        self._home: Axis | None = None
         self.heartbeat = True
-        self.axes = make_axes(config, base)
+        self.axes = make_homing_axes(config, base) if homing else make_axes(config, base)
         self._eds = find_eds(config.drive_eds, config_path)
         self._io_eds = find_eds(config.io_eds, config_path)
         self._inbound = Inbound(self.axes, config.io_node_id)
@@ -83,6 +91,7 @@ class DriveBus:
         self._lost = self._stalled = ""
         self._exchanged_ns = None
         self._syncs = (-1, -1)
+        self._home = None
         self._inbound.restart()
 
     def close(self) -> None:
@@ -99,8 +108,9 @@ class DriveBus:
             bus.close()
 
     def enable(self, groups: Sequence[Group] = ("wheels", "arms")) -> None:
-        """Request operation; refused for as long as there are faults."""
-        self._request(Target.ENABLED, groups)
+        """Request operation; refused for as long as there are faults, and never granted in shadow."""
+        if not self._config.shadow:
+            self._request(Target.ENABLED, groups)
 
     def disable(self, groups: Sequence[Group] = ("wheels",)) -> None:
         """Request power off. The arms keep holding unless they are named. Acknowledges a stall of the bridge."""
@@ -110,6 +120,10 @@ class DriveBus:
     def quick_stop(self, groups: Sequence[Group] = ("wheels", "arms")) -> None:
         """Request quick stop."""
         self._request(Target.QUICK_STOP, groups)
+
+    def home(self, axis: Axis | None) -> None:
+        """On a bus opened for homing: this axis alone goes into operation and looks for its home; None: none does."""
+        self._home = axis
 
     def reset_faults(self) -> None:
         """Acknowledge every fault, on a person's request only; the drives stay disabled."""
@@ -128,6 +142,7 @@ class DriveBus:
             faults = self._faults(now_ns)
             if faults:
                 self.quick_stop()
+                self._home = None
             self._send(now_ns, setpoint)
             if self._inbound.restarted:
                 raise BusLostError(self._inbound.restarted)
@@ -171,7 +186,7 @@ class DriveBus:
         if self.heartbeat:
             bus.send(heartbeat_frame(self._config.master_node_id, STATE_OPERATIONAL))
         for axis, value in zip(self.axes, setpoint.per_axis(), strict=True):
-            target = self._wheels if axis.group == "wheels" else self._arms
+            target = self._target(axis)
             reset = self._reset and axis.state is DriveState.FAULT
             bus.send(axis.command(target, value, reset))
             axis.was_enabled = target is Target.ENABLED and (axis.was_enabled or axis.state is DriveState.ENABLED)
@@ -179,6 +194,11 @@ class DriveBus:
         self._reset = False
         self._syncs = (now_ns, self._syncs[0])
         self._inbound.synchronised(now_ns)
+
+    def _target(self, axis: Axis) -> Target:
+        if self._homing:
+            return Target.ENABLED if axis is self._home else Target.DISABLED
+        return self._wheels if axis.group == "wheels" else self._arms
 
     def _send_quick_stop(self, bus: CanBus) -> None:
         for axis in self.axes:

@@ -15,6 +15,7 @@ from typing import Final
 from common.config import BaseConfig, LimitsConfig
 from common.messages import Command, Phase, command_checksum
 from common.timing import NS_PER_MS, NS_PER_S
+from follower.can_bridge.wheel_watch import RimWatch
 
 HARD_V_MAX_M_S: Final = 0.6
 HARD_V_MIN_M_S: Final = -0.2
@@ -53,11 +54,12 @@ PHASE_CAPS: Final[dict[Phase, PhaseCap]] = {
     "lock": PhaseCap(0.05, 0.10, 0.06),
     "release": _STILL,
     "retract": PhaseCap(0.10, 0.30, 0.15),
+    "manual": PhaseCap(0.10, 0.30, 0.15),
     "done": _STILL,
     "aborted": _STILL,
 }
 LATCHING: Final = frozenset({"second_writer"})
-"""Reasons to drop a command that stop the wheels until the next epoch; so do measured_jump and measured_gap."""
+"""Reasons to drop a command that stop the wheels until the next epoch; so do the rules measured_*."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,7 @@ class Gate:
         self._w = 0.0
         self._window: deque[tuple[int, float, float]] = deque(maxlen=WINDOW_ENTRIES)
         self._status: WheelStatus | None = None
+        self._rims = (RimWatch(), RimWatch())
 
     def step(
         self,
@@ -165,9 +168,10 @@ class Gate:
         v, w = 0.0, 0.0
         if not rule and self._held is not None and token is not None:
             v, w = self._limit(now_ns, self._held, token, clipped)
-            if self._far_from_measured(v, w, status):
-                rule = self._latched = "measured_gap"
-                v, w = 0.0, 0.0
+        disobeyed = self._disobeyed(now_ns, v, w, status)
+        if disobeyed:
+            rule = self._latched = disobeyed
+            v, w = 0.0, 0.0
         self._remember(now_ns, v, w)
         return Decision(v, w, rule, tuple(clipped), dropped, self._sequence)
 
@@ -247,12 +251,17 @@ class Gate:
         right = abs(status.right_rad_s - before.right_rad_s) * self._radius
         return "measured_jump" if max(left, right) > MAX_MEASURED_JUMP_M_S else ""
 
-    def _far_from_measured(self, v: float, w: float, status: WheelStatus) -> bool:
-        """A wheel does not do what it is told: blocked, stuck encoder, wrong sign."""
+    def _disobeyed(self, now_ns: int, v: float, w: float, status: WheelStatus) -> str:
+        """A wheel does not do what it is told: blocked, stuck encoder, wrong sign. Asked on every frame."""
         turn = w * self._half_track
-        return _beyond(v - turn, status.left_rad_s * self._radius) or _beyond(
-            v + turn, status.right_rad_s * self._radius
+        rims = (
+            (v - turn, status.left_rad_s * self._radius, self._rims[0]),
+            (v + turn, status.right_rad_s * self._radius, self._rims[1]),
         )
+        stuck = [watch.step(now_ns, told, measured) for told, measured, watch in rims]
+        if any(_beyond(told, measured) for told, measured, _ in rims):
+            return "measured_gap"
+        return "measured_stuck" if any(stuck) else ""
 
     # -- rules that limit it
 

@@ -13,8 +13,10 @@ from follower.can_bridge.bridge import Bridge, Heard, Orders
 from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.gate import Decision, SignedCommand
 from follower.can_bridge.measurement import DriveSetpoint, Measurement
+from follower.can_bridge.shadow import Shadow
 
 _REOPEN_NS = NS_PER_S
+_TELL_NS = NS_PER_S
 _log = logging.getLogger("follower-can-bridge")
 
 
@@ -31,6 +33,8 @@ class CanBridgeNode(Node):
         self._clock = context.clock
         self._bus = DriveBus(config.follower_can, config.base, context.config_path)
         self._bridge = Bridge(config, context.clock.boot_id)
+        self._shadow = Shadow(config.follower_can, config.base) if config.follower_can.shadow else None
+        self._told_ns = 0
         self._measured: Measurement | None = None
         self._sequence = -1
         self._image_to_can_ns = 0
@@ -51,9 +55,9 @@ class CanBridgeNode(Node):
         command = inputs.newest(COMMAND)
         signed = SignedCommand(command.message, command.header.run_id, command.header.boot_id) if command else None
         heard = Heard(now_ns, signed, inputs.newest(MISSION), inputs.newest(ARM_SETPOINT))
-        orders = self._bridge.step(heard, self._measured)
+        orders, setpoint = self._decide(heard, self._measured)
         self._request(orders)
-        self._measured = self._bus.exchange(now_ns, orders.setpoint)
+        self._measured = self._bus.exchange(now_ns, setpoint)
         self._time(orders.decision, signed)
         if self._bridge.state != self._state:
             self._state = self._bridge.state
@@ -64,6 +68,18 @@ class CanBridgeNode(Node):
         """Quick-stop and disable, in order; also after a fault of this process."""
         self._bus.close()
         return ()
+
+    def _decide(self, heard: Heard, measured: Measurement) -> tuple[Orders, DriveSetpoint]:
+        """Orders, and the set-point that is really sent."""
+        if self._shadow is None:
+            orders = self._bridge.step(heard, measured)
+            return orders, orders.setpoint
+        orders = self._bridge.step(heard, self._shadow.pretend(measured))
+        if self._bridge.state == "armed" and heard.now_ns - self._told_ns >= _TELL_NS:
+            self._told_ns = heard.now_ns
+            v, w, rule = orders.decision.v_m_s, orders.decision.w_rad_s, orders.decision.rule
+            _log.info("shadow: would command v %+.3f m/s, ω %+.3f rad/s %s", v, w, rule)
+        return orders, self._shadow.withhold(orders.setpoint)
 
     def _request(self, orders: Orders) -> None:
         if orders.power == "enable":
@@ -112,6 +128,7 @@ class CanBridgeNode(Node):
             image_to_can_ns=self._image_to_can_ns,
             gate_rule=decision.rule,
             gate_interventions=bridge.interventions,
+            shadow=self._shadow is not None,
         )
 
 

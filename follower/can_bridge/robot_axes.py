@@ -31,6 +31,24 @@ def make_axes(config: FollowerCanConfig, base: BaseConfig) -> tuple[Axis, ...]:
     return (left, right, *torque, lift)
 
 
+def make_homing_axes(config: FollowerCanConfig, base: BaseConfig) -> tuple[Axis, ...]:
+    """The same, with those that have to be homed in mode 6 (CiA 402)."""
+    axes = make_axes(config, base)
+    for axis in axes:
+        homing = axis.config.homing
+        if homing is not None:
+            per_unit = abs(axis.counts_per_unit)
+            axis.mode = Mode.HOMING
+            axis.extra = (
+                (0x6098, 0, homing.method),
+                (0x6099, 1, round(homing.search_speed * per_unit)),
+                (0x6099, 2, round(homing.zero_speed * per_unit)),
+                (0x609A, 0, round(homing.acceleration * per_unit)),
+                *(parameter for parameter in axis.extra if parameter[0] == 0x6085),
+            )
+    return axes
+
+
 def _wheel_ramps(wheel: Axis, config: FollowerCanConfig, base: BaseConfig) -> tuple[Parameter, ...]:
     per_metre = abs(wheel.counts_per_unit) / base.wheel_radius_m
     ramp = round(config.wheel_ramp_m_s2 * per_metre)

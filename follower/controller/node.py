@@ -56,6 +56,9 @@ class ControllerNode(Node):
             self._controller.observe(received.message, wheels)
         if not third and now_ns - self._commanded_ns < _GAP_NS:
             return ()
+        mission = inputs.newest(MISSION)
+        if mission is not None and mission.message.phase == "manual":
+            return ()  # a person's station commands: the gate takes one writer
         self._last_stepped = number
         state = received.message if third else None
         twist = self._controller.step(now_ns, state, inputs.fresh(MISSION, now_ns), wheels)
@@ -65,7 +68,6 @@ class ControllerNode(Node):
             return ()
         self._controller.commit(twist)
         self._commanded_ns = done_ns
-        mission = inputs.newest(MISSION)
         epoch = mission.message.epoch if mission else 0
         return ((COMMAND, self._command(twist, epoch, received.message, done_ns)),)
 

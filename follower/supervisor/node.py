@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 
 from common.channels import (
     ARM_STATE,
@@ -14,10 +15,13 @@ from common.channels import (
     FOLLOWER_SUMMARY,
     LEADER_STATE,
     LOCK_REQUEST,
+    MANUAL_REQUEST,
     MISSION,
 )
+from common.messages import FollowerSummary, Mission
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
+from follower.supervisor.manual import ManualMode, ManualSeen
 from follower.supervisor.observed import Observed
 from follower.supervisor.sequence import DockingSequence
 from follower.supervisor.taught import taught_images
@@ -32,7 +36,7 @@ class SupervisorNode(Node):
     name = "follower-supervisor"
     inputs = (DOCKING_STATE, DRIVES, ARM_STATE, LEADER_STATE, COMMAND)
     outputs = (MISSION, FOLLOWER_SUMMARY, LOCK_REQUEST)
-    serves = (DOCK_REQUEST,)
+    serves = (DOCK_REQUEST, MANUAL_REQUEST)
     trigger = Trigger(period_ns=NS_PER_S // 20)
 
     def __init__(self, context: NodeContext) -> None:
@@ -43,11 +47,13 @@ class SupervisorNode(Node):
         """
         taught = taught_images(context.config, context.config_path)
         self._sequence = DockingSequence(context.config, context.run_id, taught)
+        self._manual = ManualMode(context.config, context.run_id)
         self._phase = self._sequence.phase
         self._steps = 0
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
-        """One step of the sequence."""
+        """One step of the sequence, or of the manual mode while that is on."""
+        by_hand = self._manual.step(self._seen_by_hand(now_ns, inputs))
         seen = Observed(
             now_ns=now_ns,
             state=inputs.fresh(DOCKING_STATE, now_ns),
@@ -55,21 +61,41 @@ class SupervisorNode(Node):
             arms=inputs.fresh(ARM_STATE, now_ns),
             leader=inputs.fresh(LEADER_STATE, now_ns),
             controller_alive=inputs.fresh(COMMAND, now_ns) is not None,
-            requests=tuple(received.message for received in inputs.requests(DOCK_REQUEST)),
+            requests=by_hand.dock_requests,
             lock_answers=tuple(inputs.answers(LOCK_REQUEST)),
         )
         decided = self._sequence.step(seen)
-        if self._sequence.phase != self._phase:
-            self._phase = self._sequence.phase
-            _log.info("phase %s %s", self._phase, decided.mission.cause)
-        outputs: list[Output] = [(MISSION, decided.mission)]
+        mission = self._manual.mission(decided.mission)
+        if mission.phase != self._phase:
+            self._phase = mission.phase
+            _log.info("phase %s %s", self._phase, mission.cause)
+        outputs: list[Output] = [(MISSION, mission)]
         self._steps += 1
         if self._steps % _STEPS_PER_SUMMARY == 0:
-            outputs.append((FOLLOWER_SUMMARY, decided.summary))
-        outputs += [(DOCK_REQUEST, answer) for answer in decided.answers]
+            outputs.append((FOLLOWER_SUMMARY, _by_hand(decided.summary, mission)))
+        outputs += [(DOCK_REQUEST, answer) for answer in (*by_hand.dock_answers, *decided.answers)]
+        outputs += [(MANUAL_REQUEST, answer) for answer in by_hand.answers]
         if decided.lock_request is not None:
             outputs.append((LOCK_REQUEST, decided.lock_request))
         return outputs
+
+    def _seen_by_hand(self, now_ns: int, inputs: Inbox) -> ManualSeen:
+        return ManualSeen(
+            now_ns=now_ns,
+            phase=self._sequence.phase,
+            drives=inputs.fresh(DRIVES, now_ns),
+            arms=inputs.fresh(ARM_STATE, now_ns),
+            command=inputs.fresh(COMMAND, now_ns),
+            requests=tuple(received.message for received in inputs.requests(MANUAL_REQUEST)),
+            dock_requests=tuple(received.message for received in inputs.requests(DOCK_REQUEST)),
+        )
+
+
+def _by_hand(summary: FollowerSummary, mission: Mission) -> FollowerSummary:
+    """The docking's summary; while a person moves the robot it may move at any time."""
+    if mission.phase != "manual":
+        return summary
+    return replace(summary, phase=mission.phase, armed=True, moving=True)
 
 
 def make(context: NodeContext) -> SupervisorNode:

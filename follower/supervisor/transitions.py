@@ -29,7 +29,9 @@ Event = Literal[
     "reset",
 ]
 
-ACTIVE: Final[tuple[Phase, ...]] = tuple(phase for phase in PHASES if phase not in ("idle", "done", "aborted"))
+ACTIVE: Final[tuple[Phase, ...]] = tuple(
+    phase for phase in PHASES if phase not in ("idle", "done", "aborted", "manual")
+)
 ENDED: Final[tuple[Phase, ...]] = ("idle", "done", "aborted")
 # nothing ahead is touched in these: a stop may be armed anew, and a way back is free
 FREE: Final[tuple[Phase, ...]] = ("staging", "acquire", "search", "approach")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.stop_times import METHODS, run
+from experiments.stop_times import METHODS, ROBOT_METHODS, run
 
 pytestmark = pytest.mark.alone
 
@@ -17,9 +17,9 @@ def test_each_fault_stops_the_wheels_in_its_time(tmp_path: Path) -> None:
     results = run(tmp_path, trials=1, stalls=1, progress=lines.append)
     assert json.loads((tmp_path / "results.json").read_text()) == results
     rows = {row["method"]: row for row in results["rows"]}
-    assert set(rows) == {method.name for method in METHODS} | {"stall"}
+    assert set(rows) == {method.name for method in (*METHODS, *ROBOT_METHODS)} | {"stall"}
     assert len(lines) == len(rows)
-    for method in METHODS:
+    for method in (*METHODS, *ROBOT_METHODS):
         assert 0.0 < rows[method.name]["metrics"]["max_ms"] <= method.limit_ms
         assert rows[method.name]["frames_moving_after_stop"] == 0
     assert rows["stall"]["metrics"] == {"stale_setpoints": 0}

@@ -19,13 +19,14 @@ DRIVE_EDS = CONFIG_PATH.parent / "davpc-drive-402.eds"
 IO_EDS = CONFIG_PATH.parent / "davpc-io-401.eds"
 
 
-def stepped_config() -> Config:
+def stepped_config(*overrides: str) -> Config:
     """The reference robots on stepped buses."""
     return load_config(
         CONFIG_PATH,
         [
             'follower_can.bus={ interface = "stepped", channel = "follower" }',
             'leader_can.bus={ interface = "stepped", channel = "leader" }',
+            *overrides,
         ],
     )
 

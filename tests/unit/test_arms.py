@@ -184,7 +184,7 @@ def run_grasp(
 def test_letting_go_relaxes_first_then_opens_then_retracts(config: Config) -> None:
     arms = config.arms
     grasp = GraspSequence(arms)
-    grasp.restart(arms.handle_x_m, GRIPPED)
+    grasp.restart(arms.handle_x_m, GRIPPED, 0.2)
     held = grasp.step("closed", GRIPPED, arms.lift_height_m, DT_S)
     assert (held.stage, held.firmness, held.grip_torque_n_m) == ("hold", 1.0, arms.grip_torque_n_m)
     first = grasp.step("open", GRIPPED, arms.lift_height_m, DT_S)
@@ -201,7 +201,7 @@ def test_letting_go_relaxes_first_then_opens_then_retracts(config: Config) -> No
 def test_grasping_reaches_lifts_closes_and_holds_only_what_is_there(config: Config) -> None:
     arms = config.arms
     grasp = GraspSequence(arms)
-    grasp.restart(arms.retracted_x_m, OPEN)
+    grasp.restart(arms.retracted_x_m, OPEN, 0.2)
     assert run_grasp(grasp, "closed", OPEN, arms.lift_travel_m, 3.0) == ["reach"]
     assert run_grasp(grasp, "closed", OPEN, arms.lift_height_m, 1.0) == ["close"]
     assert run_grasp(grasp, "closed", EMPTY, arms.lift_height_m, 1.0) == ["close"]
@@ -212,7 +212,7 @@ def test_grasping_reaches_lifts_closes_and_holds_only_what_is_there(config: Conf
 def test_fingers_that_pass_the_angles_of_holding_hold_nothing(config: Config) -> None:
     arms = config.arms
     grasp = GraspSequence(arms)
-    grasp.restart(arms.handle_x_m, OPEN)
+    grasp.restart(arms.handle_x_m, OPEN, arms.lift_height_m)
     run_grasp(grasp, "closed", OPEN, arms.lift_height_m, 1.0)
     for step in range(100):
         angle = max(0.01, 0.30 - 0.005 * step)
@@ -222,14 +222,14 @@ def test_fingers_that_pass_the_angles_of_holding_hold_nothing(config: Config) ->
 def test_one_empty_gripper_never_opens_the_other_at_a_restart(config: Config) -> None:
     arms = config.arms
     grasp = GraspSequence(arms)
-    grasp.restart(arms.handle_x_m, EMPTY)
+    grasp.restart(arms.handle_x_m, EMPTY, 0.2)
     assert grasp.step("closed", EMPTY, arms.lift_height_m, DT_S).grip_torque_n_m > 0
 
 
 def test_references_glide(config: Config) -> None:
     arms = config.arms
     grasp = GraspSequence(arms)
-    grasp.restart(0.40, GRIPPED)
+    grasp.restart(0.40, GRIPPED, 0.2)
     places = [grasp.step("closed", GRIPPED, arms.lift_height_m, DT_S).handle_x_m for _ in range(80)]
     assert max(abs(b - a) for a, b in pairwise([0.40, *places])) <= 0.10 * DT_S + 1e-12
     assert places[-1] == pytest.approx(arms.handle_x_m)

@@ -281,7 +281,7 @@ def test_an_epoch_of_zero_is_an_epoch() -> None:
     assert bench.step(later).dropped == "sequence"
 
 
-@pytest.mark.parametrize("rule", ["second_writer", "measured_jump", "measured_gap"])
+@pytest.mark.parametrize("rule", ["second_writer", "measured_jump", "measured_gap", "measured_stuck"])
 def test_latches_until_the_next_epoch(rule: str) -> None:
     bench = Bench()
     bench.drive(0.3)
@@ -289,6 +289,12 @@ def test_latches_until_the_next_epoch(rule: str) -> None:
         found = bench.step(signed(command(sequence=500, stamp_ns=bench.now_ns), run_id=6))
     elif rule == "measured_jump":
         found = bench.step(status=wheels(-0.1, bench.now_ns))
+    elif rule == "measured_stuck":
+        bench.drive(0.0)
+        for _ in range(40):
+            found = bench.order(0.1, status=wheels(0.0, bench.now_ns))
+            if found.rule:
+                break
     else:
         for v in (0.2, 0.1, 0.05):
             found = bench.order(0.3, status=wheels(v, bench.now_ns))
@@ -377,6 +383,29 @@ def test_wheels_that_do_not_follow_stop_it(v: float, w: float, side: int, beyond
     rims[side] -= math.copysign(0.15 + 0.2 * abs(set_rim) + beyond, set_rim)
     decision = bench.order(v, w, status=WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True))
     assert (decision.rule == "measured_gap") == (beyond > 0)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("v", [0.05, -0.05])
+@pytest.mark.parametrize("share", [0.24, 0.26, -1.0])
+def test_a_wheel_that_hardly_rolls_at_docking_speed_stops_it_after_300_ms(side: int, v: float, share: float) -> None:
+    bench = Bench()
+    bench.drive(v)
+    rims = [v, v]
+    rims[side] = share * v
+    found, began_ns = [], bench.now_ns
+    for _ in range(40):
+        status = WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True)
+        found.append((bench.now_ns - began_ns, bench.order(v, status=status).rule))
+    stopped = [after_ns for after_ns, rule in found if rule]
+    assert stopped[:1] == ([] if share > 0.25 else [310 * MS])
+
+
+def test_time_during_which_a_wheel_is_told_nothing_does_not_count() -> None:
+    bench = Bench()
+    for v in (0.1, 0.0, -0.1, 0.0) * 4:
+        for _ in range(28):
+            assert bench.order(v, status=wheels(0.0, bench.now_ns)).rule == ""
 
 
 def test_wheels_that_run_ahead_of_a_slower_setpoint_do_not_stop_it() -> None:
@@ -485,6 +514,7 @@ EXPECTED_CAPS = {
     "push": (0.05, 0.20, 0.08),
     "lock": (0.05, 0.10, 0.06),
     "retract": (0.10, 0.30, 0.15),
+    "manual": (0.10, 0.30, 0.15),
 }
 
 

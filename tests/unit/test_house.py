@@ -21,6 +21,7 @@ WITH_CLOCK = {
     "common/timing.py",
     "common/bus.py",
     "common/executor.py",
+    "common/background.py",
     "sim/can_server.py",
 }
 

@@ -1,46 +1,72 @@
-"""The Leader's lock moves only where a beam is, stops where it jams, and answers by name."""
+"""The Leader's lock moves only where a beam is and a Follower stands, stops where it jams, and answers by name."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from common.config import Config
-from common.messages import Answer, LeaderState, LockRequest
+from common.messages import Answer, FollowerSummary, LeaderState, LedRequest, LockRequest
 from common.timing import NS_PER_S
+from leader.queue_file import content, read
 from leader.sequence import IoInputs, IoOutputs, LeaderSequence
 
-DARK = IoInputs((0.0,) * 4, 0.0, False, False, False, True)
-SEATED = replace(DARK, led_current_a=(1.0,) * 4, beam_seated=True)
+SEATED = IoInputs(0.0, False, True, False, True, (1.0,) * 4)
+LOCKED = replace(SEATED, lock_extended=True, lock_retracted=False)
+HALF_WAY = replace(SEATED, lock_extended=False, lock_retracted=False)
+AWAY = FollowerSummary("idle", "", "", 1, False, False, False, False, False)
+MOVING = replace(AWAY, phase="approach", armed=True, moving=True)
+HOLDING = replace(AWAY, phase="lock", armed=True, in_contact=True)
 
 
 @dataclass
 class Bench:
     config: Config
+    queue: int | None = 0
     seen: IoInputs = SEATED
+    follower: FollowerSummary | None = AWAY
     now_ns: int = NS_PER_S
     answers: list[Answer] = field(default_factory=list)
-    outputs: IoOutputs | None = None
-    state: LeaderState | None = None
+    led_answers: list[Answer] = field(default_factory=list)
+    outputs: IoOutputs = field(init=False)
 
     def __post_init__(self) -> None:
-        self.sequence = LeaderSequence(self.config.leader, self.config.leds)
+        self.sequence = LeaderSequence(self.config.leader, self.config.leds, self.queue)
+        self.outputs = self.sequence.outputs
 
-    def run(self, seconds: float, **changes: object) -> LeaderState:
-        self.seen = replace(self.seen, **changes)  # type: ignore[arg-type]
-        for _ in range(round(seconds * 50)):
+    def run(self, seconds: float, **changes: Any) -> LeaderState:
+        self.seen = replace(self.seen, **changes)
+        for _ in range(max(1, round(seconds * 50))):
             self.now_ns += NS_PER_S // 50
-            self.state, answers = self.sequence.step(self.now_ns, self.seen)
+            self.sequence.hear(self.follower)
+            state, due = self.sequence.step(self.now_ns, self.seen)
             self.outputs = self.sequence.outputs
-            self.answers += answers
-        assert self.state is not None
-        return self.state
+            self.answers += due.lock
+            self.led_answers += due.led
+        return state
 
-    def ask(self, action: str, age_ns: int = 0) -> str:
-        request = LockRequest(f"{action}-{self.now_ns}", 5000, action)  # type: ignore[arg-type]
+    def ask(self, action: str, age_ns: int = 0, **kwargs: Any) -> str:
+        request = LockRequest(f"{action}-{self.now_ns}", 5000, action, **kwargs)  # type: ignore[arg-type]
+        self.sequence.hear(self.follower)
         self.sequence.request(request, self.now_ns - age_ns, self.now_ns, self.seen)
         return request.id
+
+    def answer(self, action: str, **kwargs: Any) -> Answer:
+        """Of a request that is answered at once."""
+        asked = self.ask(action, **kwargs)
+        self.run(0.02)
+        assert self.answers[-1].id == asked
+        return self.answers[-1]
+
+    def to_locked(self, trolleys: int = 1) -> None:
+        self.ask("lock")
+        self.run(0.5, lock_retracted=False, actuator_current_a=1.2)
+        self.run(0.1, lock_extended=True, actuator_current_a=0.0)
+        for trolley in range(2, trolleys + 1):
+            assert self.answer("confirm", trolley=trolley).outcome == "done"
 
 
 @pytest.fixture
@@ -48,31 +74,28 @@ def bench(config: Config) -> Bench:
     return Bench(config)
 
 
-def test_leds_are_on_unasked_and_a_dead_one_is_named(bench: Bench) -> None:
-    state = bench.run(0.1)
-    assert bench.outputs is not None
-    assert bench.outputs.led_current_a == (1.0,) * 4
-    assert (state.ready, state.led_fault) == (True, False)
-    state = bench.run(0.3, led_current_a=(1.0, 1.0, 0.0, 1.0))
-    assert not state.led_fault
-    state = bench.run(0.5)
-    assert state.led_fault
-    assert "LED 2 draws 0.00 A" in state.cause
+# --- lock
 
 
 def test_locking_extends_until_the_switch_and_answers_then(bench: Bench) -> None:
     request_id = bench.ask("lock")
     bench.run(1.0, actuator_current_a=1.2, lock_retracted=False)
-    assert bench.outputs is not None
-    assert bench.outputs.actuator_extend
+    assert bench.outputs.actuator == 1
     assert bench.answers == []
     state = bench.run(0.1, lock_extended=True)
-    assert (state.lock, state.queue) == ("locked", 1)
-    assert not bench.outputs.actuator_extend
+    assert (state.lock, state.queue, bench.outputs.actuator) == ("locked", 1, 0)
     assert bench.answers == [Answer(request_id, "done", "locked")]
-    bench.ask("lock")
-    assert bench.run(0.1).queue == 1
-    assert bench.answers[-1].reason == "already locked"
+    assert bench.answer("lock").reason == "already locked"
+    assert bench.sequence.queue == 1
+
+
+def test_later_trolleys_are_confirmed_and_counted_once(bench: Bench) -> None:
+    assert bench.answer("confirm", trolley=2).reason == "the lock is open"
+    bench.to_locked()
+    assert bench.answer("confirm", trolley=2).outcome == "done"
+    assert bench.answer("confirm", trolley=2).outcome == "done"
+    assert bench.run(0.1).queue == 2
+    assert bench.answer("confirm", trolley=5).reason == "2 trolleys are counted, not 4"
 
 
 @pytest.mark.parametrize(
@@ -86,39 +109,198 @@ def test_after_a_start_the_lock_is_where_its_switches_say(
 
 def test_without_a_beam_it_does_not_lock(bench: Bench) -> None:
     bench.run(0.1, beam_seated=False)
-    bench.ask("lock")
-    state = bench.run(0.2)
-    assert state.lock == "open"
-    assert (bench.answers[0].outcome, bench.answers[0].reason) == ("refused", "no beam in the guide")
+    assert bench.answer("lock") == Answer(bench.answers[0].id, "refused", "no beam in the guide")
+    assert bench.run(0.1).lock == "open"
 
 
 @pytest.mark.parametrize(
-    ("changes", "named"), [({"actuator_current_a": 6.0}, "current limit"), ({"actuator_current_a": 1.0}, "in time")]
+    ("changes", "named", "within_s"),
+    [({"actuator_current_a": 6.0}, "current limit", 0.1), ({"actuator_current_a": 1.0}, "in time", 3.1)],
 )
-def test_a_jam_stops_the_actuator_and_is_named(bench: Bench, changes: dict[str, object], named: str) -> None:
+def test_a_jam_is_retracted_once_then_latched_until_a_person_resets(
+    bench: Bench, changes: dict[str, object], named: str, within_s: float
+) -> None:
+    bench.follower = HOLDING
     bench.ask("lock")
-    state = bench.run(4.0, **changes)
-    assert bench.outputs is not None
-    assert (state.lock, bench.outputs.actuator_extend) == ("fault", False)
-    assert named in bench.answers[0].reason
-    bench.ask("lock")
-    bench.run(0.1)
-    assert bench.answers[-1].reason.startswith("lock fault")
+    bench.run(within_s, lock_retracted=False, **changes)
+    assert bench.outputs.actuator == -1
+    state = bench.run(0.5, lock_retracted=True, actuator_current_a=0.0)
+    assert (state.lock, bench.outputs.actuator, state.ready) == ("fault", 0, False)
+    assert named in bench.answers[-1].reason
+    assert bench.answers[-1].outcome == "refused"
+    assert bench.answer("lock").reason.startswith("lock fault")
+    assert bench.answer("reset").reason == "open"
+    assert bench.run(0.1).lock == "open"
 
 
-def test_unlocking_retracts_and_a_second_request_meanwhile_is_refused(bench: Bench) -> None:
+def test_a_jam_that_cannot_be_retracted_stops_the_actuator(bench: Bench) -> None:
     bench.ask("lock")
-    bench.run(0.1, lock_extended=True, lock_retracted=False)
-    bench.ask("unlock")
-    bench.ask("lock")
+    bench.run(7.0, lock_retracted=False)
+    assert bench.run(0.1).lock == "fault"
+    assert bench.outputs.actuator == 0
+    assert "retracted switch" in bench.answers[-1].reason
+
+
+@pytest.mark.parametrize(
+    ("start", "changes", "named"),
+    [
+        (SEATED, {"lock_extended": True}, "lock switch closed while the lock is open"),
+        (SEATED, {"lock_retracted": False}, "retracted switch lost"),
+        (LOCKED, {"lock_extended": False}, "lock switch lost while locked"),
+        (LOCKED, {"lock_retracted": True}, "retracted switch closed while locked"),
+    ],
+)
+def test_switches_that_contradict_the_lock_are_a_fault_after_a_moment(
+    bench: Bench, start: IoInputs, changes: dict[str, bool], named: str
+) -> None:
+    bench.seen = start
     bench.run(0.1)
-    assert bench.outputs is not None
-    assert bench.outputs.actuator_retract
-    assert "busy" in bench.answers[-1].reason
-    assert bench.run(0.1, lock_extended=False, lock_retracted=True).lock == "open"
+    assert bench.run(0.06, **changes).lock != "fault"
+    state = bench.run(0.2)
+    assert (state.lock, bench.outputs.actuator) == ("fault", 0)
+    assert named in state.cause
+
+
+# --- unlocking
+
+
+def test_a_queue_is_let_go_only_with_confirmation(bench: Bench) -> None:
+    bench.to_locked(3)
+    assert bench.answer("unlock").reason == "3 trolleys would be let go: that needs a person's confirmation"
+    bench.ask("unlock", confirmed=True)
+    bench.run(0.1, lock_extended=False)
+    assert bench.outputs.actuator == -1
+    assert "busy" in bench.answer("lock").reason
+    state = bench.run(0.1, lock_retracted=True)
+    assert (state.lock, state.queue, bench.outputs.actuator) == ("open", 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("follower", "named"), [(None, "not heard"), (MOVING, "moves (phase approach)"), (HOLDING, "holds a trolley")]
+)
+def test_it_does_not_unlock_while_the_follower_moves_or_holds_or_is_not_heard(
+    bench: Bench, follower: FollowerSummary | None, named: str
+) -> None:
+    bench.to_locked()
+    bench.follower = follower
+    answer = bench.answer("unlock", confirmed=True)
+    assert answer.outcome == "refused"
+    assert named in answer.reason
+    assert bench.outputs.actuator == 0
+
+
+def test_a_follower_that_begins_to_move_closes_the_lock_again(bench: Bench) -> None:
+    bench.to_locked(2)
+    asked = bench.ask("unlock", confirmed=True)
+    bench.run(0.1, lock_extended=False)
+    bench.follower = MOVING
+    bench.run(0.02)
+    assert bench.outputs.actuator == 1
+    assert bench.answers[-1].id == asked
+    assert "closing again" in bench.answers[-1].reason
+    state = bench.run(0.1, lock_extended=True)
+    assert (state.lock, state.queue) == ("locked", 2)
+
+
+def test_what_jams_while_closing_again_is_never_retracted(bench: Bench) -> None:
+    bench.to_locked(2)
+    bench.ask("unlock", confirmed=True)
+    bench.run(0.1, lock_extended=False)
+    bench.follower = None
+    for _ in range(20):
+        assert bench.run(0.2, actuator_current_a=6.0).lock in ("closing", "fault")
+        assert bench.outputs.actuator >= 0
+
+
+def test_a_bolt_half_way_is_retracted_by_a_confirmed_reset_only(bench: Bench) -> None:
+    bench.seen = HALF_WAY
+    assert bench.run(0.1).lock == "fault"
+    assert "confirmation" in bench.answer("reset").reason
+    bench.ask("reset", confirmed=True)
+    bench.run(0.1)
+    assert bench.outputs.actuator == -1
+    assert bench.run(0.1, lock_retracted=True).lock == "open"
 
 
 def test_a_request_that_waited_too_long_is_not_carried_out(bench: Bench) -> None:
     bench.ask("lock", age_ns=6 * NS_PER_S)
     assert bench.run(0.1).lock == "open"
     assert bench.answers[0].outcome == "expired"
+
+
+# --- queue
+
+
+def test_the_count_is_kept_and_a_file_that_makes_no_sense_is_not_known(tmp_path: Path) -> None:
+    path = tmp_path / "queue.json"
+    assert read(path).count == 0
+    for count in (None, 0, 7):
+        path.write_text(content(count))
+        assert read(path) == replace(read(path), count=count, warning="")
+    for spoilt in ("", "{", "[]", content(7).replace("7", "-7"), content(7).replace("queue/1", "queue/9"), "\udcff"):
+        path.write_text(spoilt, errors="surrogateescape")
+        assert read(path).count is None
+        assert "say the count" in read(path).warning
+
+
+def test_a_locked_queue_of_unknown_number_asks_a_person(config: Config) -> None:
+    bench = Bench(config, queue=None, seen=LOCKED)
+    assert bench.run(0.1).queue is None
+    assert "not known" in bench.answer("confirm", trolley=3).reason
+    assert "confirmation" in bench.answer("count", trolley=2).reason
+    assert "does not fit" in bench.answer("count", trolley=0, confirmed=True).reason
+    assert bench.answer("count", trolley=2, confirmed=True).outcome == "done"
+    assert bench.answer("confirm", trolley=3).outcome == "done"
+
+
+@pytest.mark.parametrize(("kept", "seen", "queue"), [(5, LOCKED, 5), (0, LOCKED, None), (5, SEATED, 0)])
+def test_after_a_start_the_count_must_fit_the_lock(
+    config: Config, kept: int, seen: IoInputs, queue: int | None
+) -> None:
+    assert Bench(config, queue=kept, seen=seen).run(0.1).queue == queue
+
+
+# --- LEDs
+
+
+def set_leds(bench: Bench, current_a: float | None, led: int | None = None) -> Answer:
+    bench.sequence.led_request(LedRequest(f"led-{bench.now_ns}", 1000, led, current_a), bench.now_ns, bench.now_ns)
+    bench.run(0.02)
+    return bench.led_answers[-1]
+
+
+def test_leds_are_on_unasked_and_a_dead_one_is_named(bench: Bench) -> None:
+    state = bench.run(0.1)
+    assert bench.outputs.led_current_a == (1.0,) * 4
+    assert (state.ready, state.led_fault) == (True, False)
+    state = bench.run(0.3, led_current_a=(1.0, 1.0, 0.0, 1.0))
+    assert not state.led_fault
+    state = bench.run(0.5)
+    assert state.led_fault
+    assert "LED 2 draws 0.00 A" in state.cause
+
+
+def test_leds_take_the_current_that_is_asked_and_refuse_too_much(bench: Bench) -> None:
+    assert set_leds(bench, 0.5, led=1).outcome == "done"
+    assert bench.outputs.led_current_a == (1.0, 0.5, 1.0, 1.0)
+    assert "more than" in set_leds(bench, 2.0).reason
+    assert "no LED 7" in set_leds(bench, 0.5, led=7).reason
+    assert set_leds(bench, 0.0, led=3).outcome == "done"
+    state = bench.run(1.0, led_current_a=(1.0, 0.5, 1.0, 0.0))
+    assert (state.led_fault, state.ready) == (False, False)
+    assert "LED 3 is switched off" in state.cause
+    set_leds(bench, None)
+    assert bench.outputs.led_current_a == (1.0,) * 4
+
+
+def test_a_hot_led_gets_its_rated_current(bench: Bench, config: Config) -> None:
+    most, rated = config.leader.led_max_current_a, config.leader.led_rated_current_a
+    set_leds(bench, most)
+    assert not bench.run(config.leader.led_thermal_s / 4, led_current_a=(most,) * 4).led_derated
+    state = bench.run(3 * config.leader.led_thermal_s)
+    assert state.led_derated
+    assert state.led_setpoint_a == (rated,) * 4
+    assert bench.run(10.0, led_current_a=(rated,) * 4).led_derated
+    set_leds(bench, None)
+    assert bench.outputs.led_current_a == (1.0,) * 4
+    assert not bench.run(0.1, led_current_a=(1.0,) * 4).led_derated

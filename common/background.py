@@ -1,0 +1,105 @@
+"""Slow work beside a loop that must not wait: a thread writes files, and drops what it cannot keep up with."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+
+
+class BackgroundWriter:
+    """Writes files in the order in which they were handed over; the oldest waiting one is dropped when many wait.
+
+    A full disk or a missing folder stops nothing: ``fault`` says what went wrong last, and is empty again after the
+    next write that succeeded. ``dropped`` counts what was never written.
+    """
+
+    def __init__(self, limit: int = 64) -> None:
+        self._waiting: deque[Callable[[], None]] = deque()
+        self._limit = limit
+        self._change = threading.Condition()
+        self._closing = False
+        self._busy = False
+        self._thread: threading.Thread | None = None
+        self.fault = ""
+        self.dropped = 0
+
+    def append_line(self, path: Path, line: str) -> None:
+        """Append one line to a file; its folder is made."""
+        self._submit(lambda: _append(path, line))
+
+    def replace(self, path: Path, content: str) -> None:
+        """Replace a file as a whole: after a power cut there is the old content or the new."""
+        self._submit(lambda: replace_file(path, content))
+
+    def close(self, timeout_s: float = 2.0) -> None:
+        """Write what waits, as far as that succeeds in time."""
+        with self._change:
+            self._closing = True
+            self._change.notify_all()
+        if self._thread is not None:
+            self._thread.join(timeout_s)
+
+    def wait_idle(self, timeout_s: float) -> bool:
+        """Whether everything was written, or dropped, within the time."""
+        with self._change:
+            return self._change.wait_for(lambda: not self._waiting and not self._busy, timeout_s)
+
+    def _submit(self, work: Callable[[], None]) -> None:
+        with self._change:
+            if len(self._waiting) >= self._limit:
+                self._waiting.popleft()
+                self.dropped += 1
+            self._waiting.append(work)
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name="background-writer", daemon=True)
+                self._thread.start()
+            self._change.notify_all()
+
+    def _run(self) -> None:
+        while True:
+            with self._change:
+                self._busy = False
+                self._change.notify_all()
+                self._change.wait_for(lambda: self._waiting or self._closing)
+                if not self._waiting:
+                    return
+                work = self._waiting.popleft()
+                self._busy = True
+            try:
+                work()
+                self.fault = ""
+            except OSError as error:
+                self.fault = f"{error.filename or 'state'}: {error.strerror}"
+                self.dropped += 1
+
+
+def replace_file(path: Path, content: str) -> None:
+    """Write beside the file, flush to the disk, rename over it.
+
+    Raises:
+        OSError: as the system says.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(f".{path.name}.new")
+    with beside.open("w", encoding="utf-8") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    beside.rename(path)
+
+
+def _append(path: Path, line: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a", encoding="utf-8") as file:
+        file.write(line + "\n")
+
+
+def state_directory(configured: str, runtime: Path) -> Path:
+    """Where a process keeps what outlives it: as configured, else systemd's STATE_DIRECTORY, else ``runtime``."""
+    if configured:
+        return Path(configured)
+    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    return Path(given) if given else runtime

@@ -1,0 +1,48 @@
+"""Starting the processes that a stop time is measured of."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+_PR_SET_PDEATHSIG = 1
+
+
+@dataclass(frozen=True)
+class Starter:
+    """What every process of one bench is started with; ``keep_open`` are file descriptors that it inherits."""
+
+    config_path: Path
+    overrides: Sequence[str]
+    runtime: Path
+    logs: Path
+    keep_open: tuple[int, ...] = ()
+
+    def start(self, name: str) -> subprocess.Popen[bytes]:
+        """Start one process as on the robot; it appends to ``<name>.log`` and dies with this one."""
+        command = [sys.executable, "-m", "station.cli", "run", name, "--runtime", str(self.runtime)]
+        command += ["--config", str(self.config_path.resolve())]
+        for override in self.overrides:
+            command += ["--set", override]
+        with (self.logs / f"{name}.log").open("ab") as log:
+            return subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                pass_fds=self.keep_open,
+                env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+                preexec_fn=_die_with_parent,
+            )
+
+
+def _die_with_parent() -> None:
+    """In the child: ordinary scheduling, which it raises itself as on the robot, and no life without its parent."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

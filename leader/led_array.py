@@ -1,0 +1,88 @@
+"""The LED array: on whenever the Leader runs, currents by request, faults by measured current, thermal derating."""
+
+from __future__ import annotations
+
+from common.config import LeaderConfig, LedsConfig
+from common.messages import LedRequest
+from common.timing import NS_PER_S
+
+_SETTLE_NS = NS_PER_S // 2
+
+
+class LedArray:
+    """Steps with each measurement of the currents.
+
+    Heat is estimated, not measured: each LED's follows the square of its current with the configured time constant.
+    An LED that is asked for more than its rated current gets it until it is as hot as the rated current makes it,
+    and the rated current from then on.
+    """
+
+    def __init__(self, config: LeaderConfig, leds: LedsConfig) -> None:
+        self._config = config
+        self._nominal_a = leds.current_a
+        count = len(leds.positions_m)
+        self._asked_a = [leds.current_a] * count
+        self._heat = [0.0] * count
+        self._derated = [False] * count
+        self._bad_since_ns: list[int | None] = [None] * count
+        self._before_ns: int | None = None
+        self.cause = ""
+        self.fault = False
+
+    @property
+    def currents_a(self) -> tuple[float, ...]:
+        """What the LEDs are to be told."""
+        rated = self._config.led_rated_current_a
+        return tuple(
+            min(asked, rated) if derated else asked
+            for asked, derated in zip(self._asked_a, self._derated, strict=True)
+        )
+
+    @property
+    def derated(self) -> bool:
+        """Whether some LED gets less than was asked for."""
+        return any(self._derated)
+
+    @property
+    def lit(self) -> bool:
+        """Whether every LED is on and draws what it is told."""
+        return all(current > 0.0 for current in self.currents_a) and all(at is None for at in self._bad_since_ns)
+
+    def ask(self, request: LedRequest) -> str:
+        """Set currents as requested; the reason if that is refused."""
+        current_a = self._nominal_a if request.current_a is None else request.current_a
+        if current_a > self._config.led_max_current_a:
+            most_a = self._config.led_max_current_a
+            return f"{current_a:.2f} A is more than leader.led_max_current_a = {most_a:.2f} A"
+        if request.led is not None and request.led >= len(self._asked_a):
+            return f"there is no LED {request.led}: there are 0 to {len(self._asked_a) - 1}"
+        for led in range(len(self._asked_a)) if request.led is None else (request.led,):
+            self._asked_a[led] = current_a
+            self._bad_since_ns[led] = None
+        return ""
+
+    def step(self, now_ns: int, measured_a: tuple[float, ...]) -> None:
+        """Take a measurement."""
+        elapsed_s = 0.0 if self._before_ns is None else max(0.0, (now_ns - self._before_ns) / NS_PER_S)
+        self._before_ns = now_ns
+        self._warm(measured_a, min(1.0, elapsed_s / self._config.led_thermal_s))
+        told = self.currents_a
+        faulty = []
+        for led, (is_a, wanted_a) in enumerate(zip(measured_a, told, strict=True)):
+            since_ns = self._bad_since_ns[led]
+            if abs(is_a - wanted_a) <= self._config.led_current_tolerance_a:
+                self._bad_since_ns[led] = None
+            elif since_ns is None:
+                self._bad_since_ns[led] = now_ns
+            elif now_ns - since_ns > _SETTLE_NS:
+                faulty.append(f"LED {led} draws {is_a:.2f} A, told {wanted_a:.2f} A")
+        off = [f"LED {led} is switched off" for led, wanted_a in enumerate(told) if wanted_a == 0.0]
+        self.fault = bool(faulty)
+        self.cause = "; ".join(faulty + off)
+
+    def _warm(self, measured_a: tuple[float, ...], share: float) -> None:
+        rated = self._config.led_rated_current_a
+        for led, current_a in enumerate(measured_a):
+            self._heat[led] += share * ((current_a / rated) ** 2 - self._heat[led])
+            above = self._asked_a[led] > rated
+            self._derated[led] = above and (self._derated[led] or self._heat[led] >= 1.0)

@@ -1,0 +1,269 @@
+"""Guide and lock of the Leader as a pure state machine: switches and current in, the actuator's direction out.
+
+The lock extends behind a beam that is in its seat. A jam on the way is retracted once, then latched for a person.
+It retracts only on request, while the Follower is known to stand and to hold nothing against the queue; if that
+ends meanwhile, it closes again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from common.config import LeaderConfig
+from common.messages import Answer, FollowerSummary, LockRequest, LockState
+from common.timing import NS_PER_MS, NS_PER_S
+
+_JAM_NS: Final = 60 * NS_PER_MS
+_SETTLE_NS: Final = 100 * NS_PER_MS
+
+
+@dataclass(frozen=True)
+class LockInputs:
+    """What the I/O module reads of guide and lock."""
+
+    actuator_current_a: float
+    guide_lifted: bool
+    beam_seated: bool
+    lock_extended: bool
+    lock_retracted: bool
+
+
+def interlock(follower: FollowerSummary | None) -> str:
+    """Why the lock may not open now; empty if it may. A Follower that is not heard counts as moving."""
+    if follower is None:
+        return "the Follower is not heard: it might move or hold a trolley against the queue"
+    if follower.moving:
+        return f"the Follower moves (phase {follower.phase})"
+    if follower.in_contact:
+        return f"the Follower holds a trolley against the queue (phase {follower.phase})"
+    return ""
+
+
+class Lock:
+    """Steps with each reading. ``queue`` is how many trolleys are locked, None if nobody knows.
+
+    Args:
+        config: travel time and current limit.
+        queue: as it was kept over a restart; None: not known.
+    """
+
+    def __init__(self, config: LeaderConfig, queue: int | None) -> None:
+        self._config = config
+        self._state: LockState | None = None
+        self._since_ns = 0
+        self._pending: LockRequest | None = None
+        self._jam_since_ns: int | None = None
+        self._odd_since_ns: int | None = None
+        self._retracting_jam = ""
+        self._reversed = False
+        self.queue = queue
+        self.cause = ""
+
+    @property
+    def state(self) -> LockState:
+        """Where the lock is; ``fault`` before the first reading."""
+        return self._state or "fault"
+
+    @property
+    def direction(self) -> int:
+        """What the actuator is told: 1 extend, −1 retract, 0 stay."""
+        return {"closing": 1, "opening": -1}.get(self.state, 0)
+
+    # --- requests
+
+    def ask(
+        self, request: LockRequest, now_ns: int, seen: LockInputs, follower: FollowerSummary | None
+    ) -> Answer | None:
+        """Take a request; the answer, unless it comes once the lock has moved."""
+        self._find(now_ns, seen)
+        if self._pending is not None:
+            return Answer(request.id, "refused", f"busy with request {self._pending.id}")
+        if self._state in ("closing", "opening"):
+            return Answer(request.id, "refused", f"the lock is {self._state}")
+        if request.action == "reset":
+            return self._reset(request, now_ns, seen, follower)
+        if self._state == "fault":
+            return Answer(request.id, "refused", f"lock fault: {self.cause}: reset it (davpc lock reset)")
+        if request.action == "lock":
+            return self._lock(request, now_ns, seen)
+        if request.action == "confirm":
+            return self._confirm(request)
+        if request.action == "count":
+            return self._count(request)
+        return self._unlock(request, now_ns, follower)
+
+    def _lock(self, request: LockRequest, now_ns: int, seen: LockInputs) -> Answer | None:
+        if self._state == "locked":
+            return Answer(request.id, "done", "already locked")
+        if not seen.beam_seated:
+            return Answer(request.id, "refused", "no beam in the guide")
+        self._pending = request
+        self._enter("closing", now_ns)
+        return None
+
+    def _confirm(self, request: LockRequest) -> Answer:
+        if self._state != "locked":
+            return Answer(request.id, "refused", f"the lock is {self._state}")
+        if self.queue is None:
+            return Answer(request.id, "refused", "the queue's count is not known: say it (davpc lock count N)")
+        if self.queue not in (request.trolley - 1, request.trolley):
+            return Answer(request.id, "refused", f"{self.queue} trolleys are counted, not {request.trolley - 1}")
+        self.queue = request.trolley
+        return Answer(request.id, "done", f"still locked, {self.queue} trolleys")
+
+    def _count(self, request: LockRequest) -> Answer:
+        if not request.confirmed:
+            return Answer(request.id, "refused", "saying the count needs a person's confirmation")
+        if (request.trolley == 0) != (self._state == "open"):
+            return Answer(
+                request.id, "refused", f"the lock is {self._state}: that does not fit {request.trolley} trolleys"
+            )
+        self.queue = request.trolley
+        return Answer(request.id, "done", f"{self.queue} trolleys")
+
+    def _unlock(self, request: LockRequest, now_ns: int, follower: FollowerSummary | None) -> Answer | None:
+        if self._state == "open":
+            return Answer(request.id, "done", "already open")
+        refusal = interlock(follower)
+        if refusal:
+            return Answer(request.id, "refused", refusal)
+        if not request.confirmed:
+            held = "trolleys of unknown number" if self.queue is None else f"{self.queue} trolleys"
+            return Answer(request.id, "refused", f"{held} would be let go: that needs a person's confirmation")
+        self._pending = request
+        self._enter("opening", now_ns)
+        return None
+
+    def _reset(
+        self, request: LockRequest, now_ns: int, seen: LockInputs, follower: FollowerSummary | None
+    ) -> Answer | None:
+        """Out of a fault to where the switches say; a bolt that is half way is retracted, as if it was unlocked."""
+        if self._state != "fault":
+            return Answer(request.id, "done", f"nothing to reset: {self._state}")
+        if seen.lock_extended and seen.lock_retracted:
+            return Answer(request.id, "refused", "both lock switches are closed: see the switches")
+        if seen.lock_extended or seen.lock_retracted:
+            self._settle_where_it_is(now_ns, seen)
+            return Answer(request.id, "done", self.state)
+        refusal = interlock(follower)
+        if refusal:
+            return Answer(request.id, "refused", refusal)
+        if not request.confirmed:
+            return Answer(
+                request.id, "refused", "the bolt is half way and would be retracted: that needs confirmation"
+            )
+        self._pending = request
+        self.cause = ""
+        self._enter("opening", now_ns)
+        return None
+
+    # --- time
+
+    def step(self, now_ns: int, seen: LockInputs, follower: FollowerSummary | None) -> Answer | None:
+        """One step; the answer to the request that it settled, if any."""
+        self._find(now_ns, seen)
+        if self._state == "closing":
+            return self._closing(now_ns, seen)
+        if self._state == "opening":
+            return self._opening(now_ns, seen, follower)
+        self._doubt(now_ns, seen)
+        return None
+
+    def _closing(self, now_ns: int, seen: LockInputs) -> Answer | None:
+        if seen.lock_extended and not seen.lock_retracted:
+            if not self._reversed:
+                self.queue = 1
+            return self._settle("locked", "done", "locked", now_ns)
+        jam = ""
+        if self._jammed(now_ns, seen):
+            jam = "actuator jammed: current limit"
+        elif self._overdue(now_ns):
+            jam = "lock switch not reached in time"
+        if not jam:
+            return None
+        if self._reversed:
+            # it was locked before: retracting would let the queue go
+            return self._settle("fault", "refused", jam, now_ns)
+        self._retracting_jam = jam
+        self._enter("opening", now_ns)
+        return None
+
+    def _opening(self, now_ns: int, seen: LockInputs, follower: FollowerSummary | None) -> Answer | None:
+        if seen.lock_retracted and not seen.lock_extended:
+            if self._retracting_jam:
+                return self._settle("fault", "refused", f"{self._retracting_jam}; retracted", now_ns)
+            self.queue = 0
+            return self._settle("open", "done", "open", now_ns)
+        broken = interlock(follower) if not self._retracting_jam else ""
+        if broken:
+            self._reversed = True
+            pending, self._pending = self._pending, None
+            self._enter("closing", now_ns)
+            return Answer(pending.id, "refused", f"closing again: {broken}") if pending is not None else None
+        if self._jammed(now_ns, seen) or self._overdue(now_ns):
+            first = f"{self._retracting_jam}; " if self._retracting_jam else ""
+            return self._settle("fault", "refused", f"{first}retracted switch not reached in time", now_ns)
+        return None
+
+    def _doubt(self, now_ns: int, seen: LockInputs) -> None:
+        """Switches that contradict a lock at rest: one stuck closed, one lost."""
+        wrong = ""
+        if self._state == "open" and seen.lock_extended:
+            wrong = "lock switch closed while the lock is open"
+        elif self._state == "open" and not seen.lock_retracted:
+            wrong = "retracted switch lost while the lock is open"
+        elif self._state == "locked" and not seen.lock_extended:
+            wrong = "lock switch lost while locked"
+        elif self._state == "locked" and seen.lock_retracted:
+            wrong = "retracted switch closed while locked"
+        if not wrong:
+            self._odd_since_ns = None
+        elif self._odd_since_ns is None:
+            self._odd_since_ns = now_ns
+        elif now_ns - self._odd_since_ns > _SETTLE_NS:
+            self.cause = wrong
+            self._enter("fault", now_ns)
+
+    def _jammed(self, now_ns: int, seen: LockInputs) -> bool:
+        """More current than the limit for longer than an inrush."""
+        if seen.actuator_current_a <= self._config.actuator_current_limit_a:
+            self._jam_since_ns = None
+        elif self._jam_since_ns is None:
+            self._jam_since_ns = now_ns
+        return self._jam_since_ns is not None and now_ns - self._jam_since_ns > _JAM_NS
+
+    def _overdue(self, now_ns: int) -> bool:
+        return now_ns - self._since_ns > self._config.lock_travel_timeout_s * NS_PER_S
+
+    def _find(self, now_ns: int, seen: LockInputs) -> None:
+        """After a start the lock is where its switches say it is, wherever this process believed it to be."""
+        if self._state is not None:
+            return
+        if seen.lock_extended == seen.lock_retracted:
+            self.cause = "after the start both lock switches are closed, or neither"
+            self._enter("fault", now_ns)
+        else:
+            self._settle_where_it_is(now_ns, seen)
+
+    def _settle_where_it_is(self, now_ns: int, seen: LockInputs) -> None:
+        self.cause = ""
+        self._enter("locked" if seen.lock_extended else "open", now_ns)
+        if self._state == "open":
+            self.queue = 0
+        elif self.queue == 0:
+            self.queue = None  # something is locked, and nobody counted it
+
+    def _settle(self, state: LockState, outcome: str, reason: str, now_ns: int) -> Answer | None:
+        pending, self._pending = self._pending, None
+        if state == "fault":
+            self.cause = reason
+        self._enter(state, now_ns)
+        self._retracting_jam, self._reversed = "", False
+        if pending is None:
+            return None
+        return Answer(pending.id, "done" if outcome == "done" else "refused", reason)
+
+    def _enter(self, state: LockState, now_ns: int) -> None:
+        self._state, self._since_ns = state, now_ns
+        self._jam_since_ns = self._odd_since_ns = None

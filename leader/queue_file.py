@@ -1,0 +1,40 @@
+"""How many trolleys are locked, kept over a restart of the Leader."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+QUEUE_FILE = "queue.json"
+_SCHEMA = "queue/1"
+_MOST = 99
+
+
+@dataclass(frozen=True)
+class KeptQueue:
+    """What the file says: the count, None if it is not known, and why, if that is a person's to mend."""
+
+    count: int | None
+    warning: str = ""
+
+
+def content(count: int | None) -> str:
+    """The file's content for a count."""
+    return json.dumps({"schema": _SCHEMA, "trolleys": count}) + "\n"
+
+
+def read(path: Path) -> KeptQueue:
+    """Read the count; no file is no trolley, a file that cannot be understood is not known."""
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return KeptQueue(0)
+    except (OSError, ValueError) as error:
+        return KeptQueue(None, f"{path}: cannot be read ({error}): say the count (davpc lock count N)")
+    count = table.get("trolleys") if isinstance(table, dict) and table.get("schema") == _SCHEMA else -1
+    if count is None:
+        return KeptQueue(None)
+    if not isinstance(count, int) or isinstance(count, bool) or not 0 <= count <= _MOST:
+        return KeptQueue(None, f"{path}: holds no count of trolleys: say the count (davpc lock count N)")
+    return KeptQueue(count)
