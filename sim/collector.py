@@ -63,7 +63,7 @@ class Collector:
         self._repeats += 1
         self._due_ns = now_ns + _REPEAT_NS
         if not self._counted:
-            return LockRequest(self._id("count"), 1000 * _VALID_S, "count", self.trolley - 1)
+            return LockRequest(self._id("count"), 1000 * _VALID_S, "count", self.trolley - 1, confirmed=True)
         return DockRequest(self._id("dock"), now_ns + _VALID_S * NS_PER_S, "start", self.trolley)
 
     def _id(self, what: str) -> str:

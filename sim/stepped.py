@@ -18,6 +18,7 @@ from typing import Any
 from common.channels import Channel
 from common.messages import Answer, Header, Message, decode
 from common.node import Inbox, Node, Outbox, RequestDesk
+from common.processes import PROCESSES
 from common.timing import NS_PER_MS, SteppedClock
 
 TRANSPORT_DELAY_NS = NS_PER_MS // 3
@@ -76,6 +77,9 @@ class SteppedExecutor:
         self._events: list[tuple[int, int, Callable[[], None]]] = []
         self._order = itertools.count()
         self._stack = ExitStack()
+        self._cut_ns: int | None = None
+        self._halted: set[str] = set()
+        self._robot = {entry.name: entry.robot for entry in PROCESSES}
 
     def __enter__(self) -> SteppedExecutor:
         with ExitStack() as stack:
@@ -100,6 +104,14 @@ class SteppedExecutor:
             self._clock.advance_to(time_ns)
             work()
 
+    def cut_link(self, from_ns: int) -> None:
+        """From this time on nothing passes between two robots; what is the world's own is no message to them."""
+        self._cut_ns = from_ns
+
+    def halt(self, name: str) -> None:
+        """Node ``name`` does nothing from now on, as if its process were gone."""
+        self._halted.add(name)
+
     @property
     def malformed(self) -> int:
         """Messages that a node could not decode."""
@@ -122,7 +134,15 @@ class SteppedExecutor:
         running.due = False
         self._step(running)
 
+    def _parted(self, one: _Running, other: _Running) -> bool:
+        """Whether the link between two nodes' robots is cut; a node outside the table is on no robot."""
+        assert self._cut_ns is not None
+        robots = {self._robot.get(one.node.name), self._robot.get(other.node.name)}
+        return robots == {"follower", "leader"} and self._clock.now_ns() >= self._cut_ns
+
     def _step(self, running: _Running) -> None:
+        if running.node.name in self._halted:
+            return
         now_ns = self._clock.now_ns()
         running.inbox.begin_step()
         outputs = running.node.step(now_ns, running.inbox)
@@ -140,6 +160,8 @@ class SteppedExecutor:
             self._at(arrives_ns, partial(self._ask, sender, channel, message, payload))
         else:
             for receiver, wakes in self._receivers.get(channel.key, ()):
+                if self._cut_ns is not None and self._parted(sender, receiver):
+                    continue
                 self._at(arrives_ns, partial(self._deliver, receiver, wakes, channel, payload))
 
     def _deliver(self, receiver: _Running, wakes: bool, channel: Channel[Any], payload: bytes) -> None:
@@ -149,6 +171,8 @@ class SteppedExecutor:
 
     def _ask(self, asker: _Running, channel: Channel[Any], message: Any, payload: bytes) -> None:
         for server in self._running:
+            if self._cut_ns is not None and self._parted(asker, server):
+                continue
             if any(channel.key == served.key for served in server.node.serves):
 
                 def reply(answer: bytes) -> None:
