@@ -63,8 +63,8 @@ CASES = {
         Case("hidden 0.3 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=0.3),
         Case("hidden 1 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=1.0),
         Case("hidden 5 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=5.0),
-        Case("jam, trolley 1", "jam", "approach", ("contact_early",)),
-        Case("jam, trolley 2", "jam", "approach", ("contact_early",), trolley=2),
+        Case("jam of trolley 1", "jam", "approach", ("contact_early",)),
+        Case("jam of trolley 2", "jam", "approach", ("contact_early",), trolley=2),
         Case("lock switch stuck open", "switch_open", "approach", ("lock_refused", "lock_timeout")),
         Case("lock switch stuck closed", "switch_closed", "idle", ("acquire_timeout", "lock_implausible")),
         *(Case(f"LED dies in {phase}", "led", phase, ("done", "few_leds"), holds=False) for phase in _LED_PHASES),
@@ -102,17 +102,17 @@ def run(
     text = config.model_dump_json()
     todo = [Job(text, CASES[name], seed, trial) for name in cases for trial in range(trials)]
     ends = run_all(incident_job, todo, jobs, "incidents")
+    ended: dict[str, list[str]] = {}
     rows, wrong = [], []
     for i, name in enumerate(cases):
         mine = ends[i * trials : (i + 1) * trials]
+        ended[name] = sorted({end.ended for end in mine})
         right = [is_right(CASES[name], end) for end in mine]
         rows.append(row("davpc", name, trials, {"as_safety_says": sum(right), "docked": _count(mine, "done")}))
         wrong += [f"{name}, trial {k}: {end}" for k, end in enumerate(mine) if not right[k]]
     settings = {
         "trials": trials,
-        "ends": {
-            name: sorted({end.ended for end in ends[i * trials : (i + 1) * trials]}) for i, name in enumerate(cases)
-        },
+        "ends": ended,
         "expected": {name: CASES[name].ends for name in cases},
         "wrong": wrong,
     }

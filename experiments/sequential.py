@@ -1,7 +1,7 @@
 """The paper's sequential docking: queues of eight, each docking at pixel level: ``davpc experiment sequential``.
 
-Each trial is one queue, built in one run: a random start, loads and casters of the trolleys, the places where the next
-ones are put and how far nested ones roll back are drawn from the trial's seed.
+Each trial is one queue, built in one run: a random start, loads and casters of the trolleys, where the next ones are
+put and how far nested ones roll back are drawn from the trial's seed.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from common.config import Config
-from common.geometry import Pose2
+from common.geometry import feature_jacobian
 from experiments.campaign import run_all
-from experiments.pose_bound import pose_bound
 from experiments.queue_plots import draw_sequential
 from experiments.queue_run import Docking, plan, run_plan
 from experiments.results import row, write_results
@@ -120,8 +119,11 @@ def bound_m(config: Config, trolley: int) -> float:
 def image_bound(config: Config, trolley: int) -> tuple[float, float]:
     """Mean |e_y| [cm] and |e_θ| [°] that the array's image at goal ``trolley`` allows: it gets smaller with each."""
     goal = config.docking.goal(trolley)
-    _, sigma_y, sigma_theta = pose_bound(config, Pose2(goal.x_m, goal.y_m, 0.0), config.estimator.pixel_sigma_px)
-    # the Follower's lateral place in {L} follows from both: it is what the bearing does not tell
-    sigma_lateral = abs(goal.x_m * sigma_theta - sigma_y)
+    sigma = config.estimator.pixel_sigma_px / config.camera.lens.fx_px
+    jacobian = feature_jacobian(config.leds.points, goal, config.camera.mount)
+    covariance = np.linalg.inv(jacobian.T @ jacobian) * sigma**2
+    # y of {F} in {L} is x sin θ − y cos θ of the relative pose
+    lateral = np.array([0.0, -1.0, goal.x_m])
     mean = math.sqrt(2.0 / math.pi / AVERAGED_FRAMES)
-    return 100.0 * mean * sigma_lateral, math.degrees(mean * sigma_theta)
+    sigma_m = math.sqrt(float(lateral @ covariance @ lateral))
+    return 100.0 * mean * sigma_m, math.degrees(mean * math.sqrt(float(covariance[2, 2])))

@@ -202,7 +202,7 @@ def incidents(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """Hidden LEDs, a jam, stuck switches, a dead LED, a dead Leader: reaction and cause as the safety concept says."""
+    """Hidden LEDs, jams, stuck switches, a dead LED or Leader: reaction and cause as the safety concept says."""
     from experiments import incidents as module
 
     chosen = names(cases, tuple(module.CASES), "incident")
