@@ -1,6 +1,7 @@
 """The approach without the link between the robots: ``davpc experiment linkcut``.
 
-Each trial docks twice with the same seed, once with the link cut for good at a random time of the approach. The velocity commands must be equal to the bit; the docking then ends by name in the lock step, grippers closed.
+Each trial docks twice with the same seed, once with the link cut for good at a random time of the approach. The
+velocity commands must be equal to the bit; the docking then ends by name in the lock step, grippers closed.
 """
 
 from __future__ import annotations

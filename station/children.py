@@ -114,6 +114,14 @@ def listening_socket() -> Iterator[socket.socket]:
         yield server
 
 
+def with_server(overrides: Sequence[str], server: socket.socket) -> list[str]:
+    """The overrides that bring both buses to the CAN server on this socket."""
+    host, port = server.getsockname()
+    buses = [f'{bus}.bus.host="{host}"' for bus in ("follower_can", "leader_can")]
+    buses += [f"{bus}.bus.port={port}" for bus in ("follower_can", "leader_can")]
+    return [*overrides, *buses, f"world.can_server_fd={server.fileno()}"]
+
+
 @contextlib.contextmanager
 def interruptible() -> Iterator[Callable[[], bool]]:
     """Ctrl-C, SIGTERM and a closed terminal set a flag, so that everything is taken down in order."""

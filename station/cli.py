@@ -61,7 +61,10 @@ def sim(
         from station import figures
     except ModuleNotFoundError as error:
         raise ConfigError(f"davpc sim draws pictures with {error.name}: pip install 'davpc[plot]'") from error
-    from station import launcher, report
+    from station import report
+    from station.launcher.processes import run_processes
+    from station.launcher.run import Run
+    from station.launcher.stepped import run_stepped
     from station.progress import live_progress
 
     console = Console(force_terminal=False if headless else None, highlight=False)
@@ -72,15 +75,15 @@ def sim(
         chosen.append(f"world.start={list(numbers(start, 3))}")
     if scene is not None:
         chosen.append(f"world.scene={json.dumps(scene)}")
-    run = launcher.Run(config or default_config_path(), chosen, out, trolleys)
-    world = run.world
+    chosen_run = Run(config or default_config_path(), chosen, out, trolleys)
+    world = chosen_run.world
     x_m, y_m, theta_deg = world.start
     console.print(
         f"docking from {x_m:g},{y_m:g},{theta_deg:g} in scene {world.scene}, seed {world.seed}, "
         + ("stepped" if stepped else f"{len(PROCESSES)} processes")
     )
-    with live_progress(console) as run.progress:
-        done = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
+    with live_progress(console) as chosen_run.progress:
+        done = run_stepped(chosen_run) if stepped else run_processes(chosen_run)
     settings = {
         "seed": world.seed,
         "start": list(world.start),

@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.table import Table
 
 from common.timing import NS_PER_MS, NS_PER_S
-from station.launcher import Progress
+from station.launcher.run import Progress
 from station.record import DockingRecord
 
 
