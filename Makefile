@@ -1,6 +1,6 @@
 # davpc: `make help` lists what there is.
 .DEFAULT_GOAL := help
-.PHONY: help setup sim test lint mutate prove lock clean
+.PHONY: help setup sim test lint mutate prove lock wheels clean
 
 VENV := .venv
 READY := $(VENV)/.ready
@@ -44,11 +44,17 @@ mutate: $(READY) ## Mutation test of the gate: its tests must notice every chang
 	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/gate.py tests/unit/test_gate.py
 	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/wheel_watch.py tests/unit/test_wheel_watch.py
 
-prove: $(READY) ## The gate's invariants over a million random steps, a million mutated CAN frames
-	@GATE_STEPS=1000000 FUZZ_FRAMES=1000000 $(VENV)/bin/python -m pytest -q tests/unit/test_gate_properties.py tests/unit/test_canopen_fuzz.py
+prove: $(READY) ## A million random steps of the gate, mutated CAN frames, events of both state machines
+	@GATE_STEPS=1000000 FUZZ_FRAMES=1000000 MACHINE_EVENTS=1000000 $(VENV)/bin/python -m pytest -q --timeout 1200 tests/unit/test_gate_properties.py tests/unit/test_canopen_fuzz.py tests/unit/test_machine_properties.py
 
-lock: ## Refresh requirements.lock (needs uv)
-	uv pip compile --universal --generate-hashes --no-header --no-annotate --python-version 3.11 --extra dev --no-emit-package davpc -o requirements.lock pyproject.toml
+LOCK = uv pip compile --universal --generate-hashes --no-header --no-annotate --python-version 3.11 --no-emit-package davpc
+
+lock: ## Refresh requirements.lock and its part that a robot needs (needs uv)
+	$(LOCK) --extra dev -o requirements.lock pyproject.toml
+	$(LOCK) --extra build -c requirements.lock -o deploy/requirements.lock pyproject.toml
+
+wheels: ## What a robot without a network is installed from: a folder of wheels for this machine's Python
+	@deploy/install.sh wheels out/wheels
 
 clean: ## Remove the environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -8,6 +8,8 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
+_ROTATE_BYTES = 8_000_000
+
 
 class BackgroundWriter:
     """Writes files in the order in which they were handed over; the oldest waiting one is dropped when many wait.
@@ -27,7 +29,7 @@ class BackgroundWriter:
         self.dropped = 0
 
     def append_line(self, path: Path, line: str) -> None:
-        """Append one line to a file; its folder is made."""
+        """Append one line to a file; its folder is made. A file of 8 MB becomes ``….old``, and a new one begins."""
         self._submit(lambda: _append(path, line))
 
     def replace(self, path: Path, content: str) -> None:
@@ -93,6 +95,8 @@ def replace_file(path: Path, content: str) -> None:
 
 def _append(path: Path, line: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists() and path.stat().st_size > _ROTATE_BYTES:
+        path.rename(path.with_name(f"{path.name}.old"))
     with path.open("a", encoding="utf-8") as file:
         file.write(line + "\n")
 

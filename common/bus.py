@@ -8,18 +8,20 @@ from __future__ import annotations
 import fcntl
 import json
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import zenoh
 
-from common.channels import Channel
-from common.config import ConfigError
+from common.channels import LIVE_KEYS, Channel, live_key
+from common.config import DEFAULT_NAMESPACE, ConfigError
 
 OnPayload = Callable[[bytes], None]
 OnRequest = Callable[[bytes, Callable[[bytes], None]], None]
+RETRY = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2}
 _SOCKET_PATH_LIMIT = 107
 
 
@@ -30,10 +32,21 @@ class Bus:
         name: this process; its socket is ``<name>.sock``.
         runtime: private directory (mode 0700) of the sockets of all processes.
         peers: names of the processes to connect to.
-        prefix: put before every key, so that several pairs can share a network.
+        namespace: the pair's, put before every key on the wire, so that several pairs can share a network.
+        settings: Zenoh's, instead of those of a peer in the mesh: the gateway's, see :mod:`common.gateway`.
+
+    Raises:
+        ConfigError: a path too long, a process of this name that runs already, an address that cannot be used.
     """
 
-    def __init__(self, name: str, runtime: Path, peers: Sequence[str], prefix: str = "davpc") -> None:
+    def __init__(
+        self,
+        name: str,
+        runtime: Path,
+        peers: Sequence[str],
+        namespace: str = DEFAULT_NAMESPACE,
+        settings: Mapping[str, Any] | None = None,
+    ) -> None:
         sockets = {peer: str(runtime / f"{peer}.sock") for peer in (name, *peers)}
         longest = max(sockets.values(), key=len)
         if len(longest) > _SOCKET_PATH_LIMIT:
@@ -47,12 +60,19 @@ class Bus:
         Path(sockets[name]).unlink(missing_ok=True)
         Path(sockets[name] + ".lock").unlink(missing_ok=True)
         zenoh.init_log_from_env_or("error")
-        self._prefix = prefix
         self._threads: list[threading.Thread] = []
         self._closing = threading.Event()
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
-        self._session = zenoh.open(_peer_config(sockets[name], [sockets[peer] for peer in peers]))
+        chosen = {
+            **(settings or peer_settings(sockets[name], [sockets[peer] for peer in peers])),
+            "namespace": namespace,
+        }
+        try:
+            self._session = _opened(name, chosen)
+        except ConfigError:
+            self._owner.close()
+            raise
 
     def __enter__(self) -> Bus:
         return self
@@ -62,16 +82,12 @@ class Bus:
     ) -> None:
         self.close()
 
-    def key(self, channel: Channel[Any]) -> str:
-        """The full key of a channel."""
-        return f"{self._prefix}/{channel.key}"
-
     def publish(self, channel: Channel[Any], payload: bytes) -> None:
         """Publish; if a subscriber cannot keep up the sample is dropped, never queued without bound."""
         publisher = self._publishers.get(channel.key)
         if publisher is None:
             publisher = self._session.declare_publisher(
-                self.key(channel),
+                channel.key,
                 priority=zenoh.Priority.DATA if channel.max_age_ms > 400 else zenoh.Priority.REAL_TIME,
                 congestion_control=zenoh.CongestionControl.DROP,
             )
@@ -80,36 +96,36 @@ class Bus:
 
     def subscribe(self, channel: Channel[Any], on_payload: OnPayload) -> None:
         """Hand on the newest payload of a channel from a thread of its own; older ones are overwritten."""
-        subscriber = self._session.declare_subscriber(self.key(channel), zenoh.handlers.RingChannel(1))
+        subscriber = self._session.declare_subscriber(channel.key, zenoh.handlers.RingChannel(1))
         self._declared.append(subscriber)
         self._spawn(channel.key, lambda: _drain(subscriber, on_payload))
 
     def stream(self, channel: Channel[Any], on_payload: OnPayload) -> None:
         """Hand on every payload of a channel, in order: for recording; up to 1000 wait for the reader."""
-        subscriber = self._session.declare_subscriber(self.key(channel), zenoh.handlers.FifoChannel(1000))
+        subscriber = self._session.declare_subscriber(channel.key, zenoh.handlers.FifoChannel(1000))
         self._declared.append(subscriber)
         self._spawn(channel.key, lambda: _drain(subscriber, on_payload))
 
     def serve(self, channel: Channel[Any], on_request: OnRequest) -> None:
         """Hand on each request with a function that answers it, from a thread of its own."""
-        queryable = self._session.declare_queryable(self.key(channel), zenoh.handlers.FifoChannel(64))
+        queryable = self._session.declare_queryable(channel.key, zenoh.handlers.FifoChannel(64))
         self._declared.append(queryable)
-        self._spawn(channel.key, lambda: _serve(queryable, self.key(channel), on_request))
+        self._spawn(channel.key, lambda: _serve(queryable, channel.key, on_request))
 
     def request(self, channel: Channel[Any], payload: bytes, timeout_s: float) -> bytes | None:
         """Ask and wait; None if nobody answered in time. A request may still be carried out after that."""
-        for reply in self._session.get(self.key(channel), payload=payload, timeout=timeout_s):
+        for reply in self._session.get(channel.key, payload=payload, timeout=timeout_s):
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes()
         return None
 
     def declare_alive(self, process: str) -> None:
         """Show the others that this process lives, until its session ends."""
-        self._declared.append(self._session.liveliness().declare_token(f"{self._prefix}/live/{process}"))
+        self._declared.append(self._session.liveliness().declare_token(live_key(process)))
 
     def alive(self) -> set[str]:
         """Names of the processes that show that they live."""
-        replies = self._session.liveliness().get(f"{self._prefix}/live/*", timeout=1.0)
+        replies = self._session.liveliness().get(LIVE_KEYS, timeout=1.0)
         return {str(reply.ok.key_expr).rsplit("/", 1)[-1] for reply in replies if reply.ok is not None}
 
     def close(self) -> None:
@@ -149,26 +165,43 @@ def _serve(queryable: Any, key: str, on_request: OnRequest) -> None:
         on_request(payload.to_bytes(), answer)
 
 
-def _peer_config(listen: str, connect: list[str]) -> zenoh.Config:
-    return zenoh.Config.from_json5(
-        json.dumps(
-            {
-                "mode": "peer",
-                "listen": {"endpoints": [f"unixsock-stream/{listen}"]},
-                "connect": {
-                    "endpoints": [f"unixsock-stream/{path}" for path in connect],
-                    "timeout_ms": -1,
-                    "exit_on_failure": False,
-                    "retry": {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2},
-                },
-                "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-                "timestamping": {"enabled": False},
-                "adminspace": {"enabled": False},
-                "transport": {
-                    "shared_memory": {"enabled": False},
-                    "unicast": {"open_timeout": 500, "accept_timeout": 500},
-                    "link": {"protocols": ["unixsock-stream"], "tx": {"lease": 500, "keep_alive": 4}},
-                },
-            }
-        )
-    )
+def peer_settings(listen: str, connect: Sequence[str]) -> dict[str, Any]:
+    """Zenoh's settings of a process in a robot's mesh, which listens on one Unix socket and connects to others."""
+    return {
+        "mode": "peer",
+        "listen": {"endpoints": [f"unixsock-stream/{listen}"]},
+        "connect": {
+            "endpoints": [f"unixsock-stream/{path}" for path in connect],
+            "timeout_ms": -1,
+            "exit_on_failure": False,
+            "retry": RETRY,
+        },
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "timestamping": {"enabled": False},
+        "adminspace": {"enabled": False},
+        "transport": {
+            "shared_memory": {"enabled": False},
+            "unicast": {"open_timeout": 500, "accept_timeout": 500},
+            "link": {"protocols": ["unixsock-stream"], "tx": {"lease": 500, "keep_alive": 4}},
+        },
+    }
+
+
+@contextmanager
+def routing(settings: Mapping[str, Any]) -> Iterator[None]:
+    """A router that belongs to no robot, for as long as the context lasts.
+
+    Raises:
+        ConfigError: an address that cannot be used.
+    """
+    zenoh.init_log_from_env_or("error")
+    with _opened("router", settings):
+        yield
+
+
+def _opened(name: str, settings: Mapping[str, Any]) -> zenoh.Session:
+    try:
+        return zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
+    except zenoh.ZError as error:
+        # what went wrong, without the places in Zenoh's source
+        raise ConfigError(f"{name}: {str(error).split(' at ')[0].strip()}") from error

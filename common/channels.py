@@ -14,6 +14,7 @@ from common.messages import (
     Drives,
     FollowerSummary,
     Frame,
+    GatewayState,
     Health,
     LeaderState,
     LedRequest,
@@ -59,6 +60,8 @@ ARM_STATE = Channel("follower/state/arms", ArmState, "follower-arms", 100, 100)
 DRIVES = Channel("follower/state/drives", Drives, "follower-can-bridge", 100, 50)
 FOLLOWER_SUMMARY = Channel("follower/state/summary", FollowerSummary, "follower-supervisor", 10, 500, reach="pair")
 LEADER_STATE = Channel("leader/state", LeaderState, "leader", 10, 500, reach="pair")
+FOLLOWER_GATEWAY = Channel("follower/gateway/state", GatewayState, "follower-gateway", 2, 2000)
+LEADER_GATEWAY = Channel("leader/gateway/state", GatewayState, "leader-gateway", 2, 2000)
 DOCK_REQUEST = Channel("follower/request/dock", DockRequest, "follower-supervisor", 0, 0, kind="request")
 MANUAL_REQUEST = Channel("follower/request/manual", ManualRequest, "follower-supervisor", 0, 0, kind="request")
 LOCK_REQUEST = Channel("leader/request/lock", LockRequest, "leader", 0, 0, reach="pair", kind="request")
@@ -74,11 +77,20 @@ CHANNELS: tuple[Channel[Any], ...] = (
     DRIVES,
     FOLLOWER_SUMMARY,
     LEADER_STATE,
+    FOLLOWER_GATEWAY,
+    LEADER_GATEWAY,
     DOCK_REQUEST,
     MANUAL_REQUEST,
     LOCK_REQUEST,
     LED_REQUEST,
 )
+
+LIVE_KEYS = "live/*"
+
+
+def live_key(process: str) -> str:
+    """The key of the liveliness token of a process."""
+    return LIVE_KEYS.replace("*", process)
 
 
 def health_channel(process: str) -> Channel[Health]:

@@ -19,9 +19,10 @@ from typing import Any
 from common.bus import Bus
 from common.channels import Channel, health_channel
 from common.config import ConfigError, load_config
+from common.memory import lock_memory
 from common.messages import Answer, Health, Message, MessageError, decode
 from common.node import DeviceError, Inbox, Node, NodeContext, Outbox, RequestDesk
-from common.processes import PROCESSES, process
+from common.processes import PROCESSES, Process, process
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, Schedule
 
 EXIT_BUG, EXIT_CONFIG, EXIT_DEVICE = 1, 2, 3
@@ -37,7 +38,7 @@ def run_process(name: str, config_path: Path, runtime: Path, overrides: Sequence
     )
     log = logging.getLogger(name)
     clock = MonotonicClock()
-    _be_real_time(process(name).priority, log)
+    _be_real_time(process(name), log)
     try:
         config = load_config(config_path, overrides)
         context = NodeContext(config, config_path, runtime, secrets.randbits(62), clock)
@@ -55,12 +56,20 @@ def run_process(name: str, config_path: Path, runtime: Path, overrides: Sequence
         return EXIT_BUG
 
 
-def _be_real_time(priority: int, log: logging.Logger) -> None:
-    """SCHED_FIFO for this thread and those it will start; without the permission, say so and go on."""
+def _be_real_time(entry: Process, log: logging.Logger) -> None:
+    """SCHED_FIFO for this thread and those it will start, and locked memory; what is not allowed is said.
+
+    The service manager gives the priority to a unit beforehand, and takes the right to ask for it.
+    """
+    given = os.sched_getscheduler(0) == os.SCHED_FIFO and os.sched_getparam(0).sched_priority == entry.priority
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        if not given:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(entry.priority))
     except OSError as error:
-        log.warning("no real-time priority %d (%s): loops may be late under load", priority, error.strerror)
+        log.warning("no real-time priority %d (%s): loops may be late under load", entry.priority, error.strerror)
+    refused = lock_memory() if entry.locked else ""
+    if refused:
+        log.warning("no locked memory (%s): a page that is fetched may make a loop late", refused)
 
 
 def earlier_processes(name: str) -> list[str]:
@@ -85,7 +94,13 @@ class ProcessExecutor:
         self._requester = ThreadPoolExecutor(max_workers=2, thread_name_prefix="request")
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
-        self._bus = Bus(node.name, context.runtime, earlier_processes(node.name))
+        self._bus = Bus(
+            node.name,
+            context.runtime,
+            earlier_processes(node.name),
+            context.config.network.namespace,
+            node.bus_settings,
+        )
 
     def __enter__(self) -> ProcessExecutor:
         return self
@@ -180,7 +195,6 @@ class ProcessExecutor:
         self._publish(outputs)
         self._steps += 1
         self._durations_ns.append(self._clock.now_ns() - now_ns)
-        notify_service_manager("WATCHDOG=1")
         return bool(outputs)
 
     def _publish(self, outputs: Sequence[tuple[Channel[Any], Message]]) -> None:
@@ -205,6 +219,8 @@ class ProcessExecutor:
             self._wake.set()
 
     def _report(self, missed: int) -> None:
+        """Tell the service manager and whoever listens that the loop turns, also while no input makes it step."""
+        notify_service_manager("WATCHDOG=1")
         while self._inbox.faults:
             self._log.warning("dropped a message: %s", self._inbox.faults.popleft())
         health = Health(self._node.name, True, self._steps, missed, self._inbox.malformed, self._step_ms()[1])

@@ -45,6 +45,11 @@ class FrameSource(Protocol):
             DeviceError: the device was lost; the camera process opens it anew.
         """
 
+    def expose(self, exposure_us: float) -> None:
+        """Expose otherwise than configured from the next image on, until opened anew; what cannot be changed stays
+        and is logged. Each capture tells what is in force.
+        """
+
     def close(self) -> None:
         """Close the device; harmless if it is not open."""
 

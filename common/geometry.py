@@ -132,8 +132,9 @@ def move_relative(relative: Pose2, v_m_s: float, w_rad_s: float, duration_s: flo
     """Pose of {L} in {F} after the Follower drove a constant twist: the exact solution of eq. (relative)."""
     turn = w_rad_s * duration_s
     # chord of the arc driven in the old {F}, finite for w → 0
-    chord = v_m_s * duration_s * np.sinc(turn / (2 * math.pi))
-    moved = Pose2(chord * math.cos(turn / 2), chord * math.sin(turn / 2), turn)
+    half = turn / 2
+    chord = v_m_s * duration_s * (math.sin(half) / half if half else 1.0)
+    moved = Pose2(chord * math.cos(half), chord * math.sin(half), turn)
     return moved.inverse().compose(relative)
 
 

@@ -269,7 +269,8 @@ class Drives:
     """What the bus says, and what the gate let through to it.
 
     ``v_set``/``w_set`` are what was last sent; ``command_sequence`` is the last command that was accepted and
-    ``image_to_can_ns`` the time from its image's capture to its first frame on the bus. In ``shadow`` the drives are
+    ``image_to_can_ns`` the time from its image's capture to its first frame on the bus. ``gate_intervened`` names the
+    rules that the last of ``gate_interventions`` was for. In ``shadow`` the drives are
     never enabled: ``state`` and what is set are as if they were, what is measured is measured.
     """
 
@@ -294,6 +295,7 @@ class Drives:
     gate_rule: Text
     gate_interventions: Count
     shadow: bool = False
+    gate_intervened: Text = ""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -335,6 +337,15 @@ class LeaderState:
     queue: Count | None
     led_setpoint_a: Annotated[tuple[float, ...], Field(max_length=12)] = ()
     led_derated: bool = False
+
+
+@dataclass(frozen=True, config=STRICT)
+class GatewayState:
+    """A robot's gateway: whether it hears the other robot's, and for how long its certificate is still good."""
+
+    SCHEMA: ClassVar[str] = "gateway_state/1"
+    linked: bool
+    certificate_left_s: float
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -15,7 +15,7 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections import OrderedDict, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
@@ -173,10 +173,14 @@ class Inbox:
 
 
 class Node(ABC):
-    """One process's work. ``name`` is its name in the process table."""
+    """One process's work. ``name`` is its name in the process table.
+
+    ``bus_settings`` is None for all but the gateways, whose session is a router's.
+    """
 
     name: str
     trigger: Trigger
+    bus_settings: Mapping[str, Any] | None = None
     inputs: tuple[Channel[Any], ...] = ()
     outputs: tuple[Channel[Any], ...] = ()
     serves: tuple[Channel[Any], ...] = ()

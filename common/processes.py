@@ -18,7 +18,8 @@ ENTRY_POINTS = "davpc.processes"
 class Process:
     """One process: its name everywhere, where it runs, what makes it step and what it is for.
 
-    ``priority`` is its SCHED_FIFO priority where the system allows one: the shorter the loop, the higher.
+    ``priority`` is its SCHED_FIFO priority where the system allows one: the shorter the loop, the higher;
+    ``locked`` says that its memory is locked, where that is allowed.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Process:
     priority: int
     stepped_by: str
     purpose: str
+    locked: bool = False
 
     def factory(self) -> Callable[[NodeContext], Node]:
         """The function that makes this process's node; found by name, so that no table imports a robot."""
@@ -37,14 +39,28 @@ class Process:
 
 PROCESSES: tuple[Process, ...] = (
     Process("world", "world", 60, 50, "timer", "simulated backend: plant, CAN drives and I/O modules, light"),
-    Process("follower-can-bridge", "follower", 100, 60, "timer, command", "gate; CANopen to drives and inputs"),
+    Process(
+        "follower-can-bridge",
+        "follower",
+        100,
+        60,
+        "timer, command",
+        "gate; CANopen to drives and inputs",
+        locked=True,
+    ),
     Process("leader", "leader", 50, 40, "timer, requests", "LED array, guide and lock; CANopen to the I/O module"),
     Process("follower-camera", "follower", 60, 30, "camera", "light → frame"),
     Process("follower-estimator", "follower", 60, 30, "frame", "frame → docking state"),
     Process("follower-controller", "follower", 20, 25, "every third docking state", "docking state → command"),
     Process("follower-arms", "follower", 100, 40, "drives", "handle torques, contact from joint torque"),
     Process("follower-supervisor", "follower", 20, 45, "timer, requests", "phases of a docking, arming"),
+    Process("follower-gateway", "follower", 2, 10, "timer", "the robot's only network socket: pair channels, mTLS"),
+    Process("leader-gateway", "leader", 2, 10, "timer", "the robot's only network socket: pair channels, mTLS"),
 )
+
+GATEWAYS = {"follower": "follower-gateway", "leader": "leader-gateway"}
+# what runs when both robots share one machine, and so one mesh
+ONE_MACHINE: tuple[Process, ...] = tuple(entry for entry in PROCESSES if entry.name not in GATEWAYS.values())
 
 
 def process(name: str) -> Process:

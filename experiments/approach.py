@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,8 +59,20 @@ def steer(follower: Pose2) -> tuple[float, float]:
     return SPEED_M_S, turn
 
 
-def approach(config: Config, optics: Optics, estimator: StateEstimator, scene: Scene, seed: int) -> Iterator[Look]:
-    """Drive from 8 to 1.5 m; every frame is rendered into one image that lasts until the next."""
+def stand(follower: Pose2) -> tuple[float, float]:  # noqa: ARG001 - wherever it is
+    """No twist."""
+    return 0.0, 0.0
+
+
+def approach(
+    config: Config,
+    optics: Optics,
+    estimator: StateEstimator,
+    scene: Scene,
+    seed: int,
+    drive: Callable[[Pose2], tuple[float, float]] = steer,
+) -> Iterator[Look]:
+    """Drive from 8 to 1.5 m, 20 s at most; every frame is rendered into one image that lasts until the next."""
     draws = np.random.default_rng((seed, 17))
     follower = start_pose(draws)
     slip = draws.normal(0.0, 0.03, 2)
@@ -70,7 +82,7 @@ def approach(config: Config, optics: Optics, estimator: StateEstimator, scene: S
     sequence = 0
     while follower.x_m < -END_M and sequence < 1200:
         sequence += 1
-        v, w = steer(follower)
+        v, w = drive(follower)
         view = View(sequence, follower.inverse(), currents, 0.0, 0.0, v, w, sequence * PERIOD_NS, scene)
         optics.render(image, view)
         measured = (v * (1 + slip[0]) + draws.normal(0, 0.01), w * (1 + slip[1]) + draws.normal(0, 0.01))

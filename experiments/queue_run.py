@@ -20,7 +20,7 @@ from common.config import Config, default_config_path
 from common.geometry import Pose2, features_at, wrap_angle
 from common.messages import Command, DockRequest, Mission, Phase
 from common.node import Inbox, Node, NodeContext, Output, Trigger
-from common.processes import PROCESSES
+from common.processes import ONE_MACHINE
 from common.timing import NS_PER_S, SteppedClock
 from sim.collector import Collector
 from sim.node import WorldNode
@@ -233,7 +233,7 @@ def run_plan(
     with tempfile.TemporaryDirectory(prefix="davpc-") as folder:
         nodes: list[Node] = [
             entry.factory()(NodeContext(config, path, Path(folder), number, clock))
-            for number, entry in enumerate(PROCESSES, start=1)
+            for number, entry in enumerate(ONE_MACHINE, start=1)
         ]
         watcher = _Watcher(config, plan, clock.now_ns() + NS_PER_S, accident)
         executor = SteppedExecutor([*nodes, watcher], clock)

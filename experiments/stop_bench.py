@@ -52,7 +52,7 @@ class StopBench:
         buses = {self.config.follower_can.bus.channel: watch}
         self._server = CanServer(self._listener, buses, time.monotonic_ns, before=self._turn_wheels)
         self._children: dict[str, subprocess.Popen[bytes]] = {}
-        self._bus = Bus("station", runtime, earlier_processes("station"))
+        self._bus = Bus("station", runtime, earlier_processes("station"), self.config.network.namespace)
         self._drives_state = ""
         self._bus.subscribe(DRIVES, self._see_drives)
         self.canary = Canary()

@@ -236,7 +236,8 @@ class CanopenDevice:
             self._heard_ns = self._now_ns
             if self.heartbeat_lost:
                 self.heartbeat_lost = False
-                self.emergency(0x0000, 0x00)
+                if not self.values.get((0x603F, 0)):  # nothing else is wrong
+                    self.emergency(0x0000, 0x00)
 
     def _communication_lost(self) -> None:
         self.heartbeat_missed()

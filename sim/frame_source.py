@@ -16,7 +16,10 @@ from sim.world_message import WORLD
 
 
 class SimulatedFrameSource:
-    """A frame source whose light is computed; exposure and gain come from the configuration."""
+    """A frame source whose light is computed; exposure and gain come from the configuration.
+
+    Another exposure makes the light stronger or weaker; its motion blur stays that of the configured one.
+    """
 
     trigger = Trigger(wakes=(WORLD,))
     inputs = (WORLD,)
@@ -26,7 +29,8 @@ class SimulatedFrameSource:
         world = world_config(context.config, str(context.config_path))
         self._optics = Optics(self._camera, context.config.leds, world.seed)
         # the world tilts the camera where the floor is uneven
-        self._scene = replace(named_scene(world.scene, world.seed), shake_rad=(0.0, 0.0))
+        self._scene = self._named = replace(named_scene(world.scene, world.seed), shake_rad=(0.0, 0.0))
+        self._exposure_us = self._camera.exposure_us
 
     def open(self) -> None:
         """Nothing to open."""
@@ -50,7 +54,12 @@ class SimulatedFrameSource:
             self._seen_past(world.occluders),
         )
         self._optics.render(image, view)
-        return Capture(world.time_ns, self._camera.exposure_us, self._camera.gain, "simulated")
+        return Capture(world.time_ns, self._exposure_us, self._camera.gain, "simulated")
+
+    def expose(self, exposure_us: float) -> None:
+        """From the next frame on."""
+        factor = self._named.exposure_factor * exposure_us / self._camera.exposure_us
+        self._scene, self._exposure_us = replace(self._named, exposure_factor=factor), exposure_us
 
     def _seen_past(self, occluders: tuple[tuple[float, float, float], ...]) -> Scene:
         if not occluders:

@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from common.processes import PROCESSES, process
+from common.processes import ONE_MACHINE, process
 
 _TERMINATE_S = 3.0
 _PR_SET_PDEATHSIG = 1
@@ -34,7 +34,7 @@ def start_children(
 
     ``keep_open`` is a file descriptor that they inherit.
     """
-    for entry in PROCESSES:
+    for entry in ONE_MACHINE:
         command = [sys.executable, "-m", "station.cli", "run", entry.name]
         command += ["--config", str(config_path.resolve()), "--runtime", str(runtime)]
         for override in overrides:

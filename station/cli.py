@@ -11,8 +11,17 @@ import typer
 
 from common.config import ConfigError, default_config_path
 from common.node import DeviceError
-from common.processes import PROCESSES, process
-from station import cli_calibrate, cli_camera, cli_can, cli_experiment, cli_manual
+from common.processes import ONE_MACHINE, PROCESSES, process
+from station import (
+    cli_calibrate,
+    cli_camera,
+    cli_can,
+    cli_dock,
+    cli_experiment,
+    cli_leader,
+    cli_manual,
+    cli_network,
+)
 from station.cli_options import ConfigOption, SetOption, numbers
 
 EXIT_NOT_DOCKED = 1
@@ -80,7 +89,7 @@ def sim(
     x_m, y_m, theta_deg = world.start
     console.print(
         f"docking from {x_m:g},{y_m:g},{theta_deg:g} in scene {world.scene}, seed {world.seed}, "
-        + ("stepped" if stepped else f"{len(PROCESSES)} processes")
+        + ("stepped" if stepped else f"{len(ONE_MACHINE)} processes")
     )
     with live_progress(console) as chosen_run.progress:
         done = run_stepped(chosen_run) if stepped else run_processes(chosen_run)
@@ -138,9 +147,13 @@ app.command(epilog="Example:  davpc teach 1 --runtime /run/davpc")(cli_camera.te
 app.command(epilog="Example:  davpc jog --speed 0.05 --seconds 2")(cli_manual.jog)
 app.command(epilog="Example:  davpc grip close")(cli_manual.grip)
 app.command(epilog="Example:  davpc lift 200")(cli_manual.lift)
+app.add_typer(cli_dock.dock, name="dock")
+app.add_typer(cli_leader.led, name="led")
+app.add_typer(cli_leader.lock, name="lock")
 app.add_typer(cli_camera.camera, name="camera")
 app.add_typer(cli_calibrate.calibrate, name="calibrate")
 app.add_typer(cli_can.can, name="can")
+app.add_typer(cli_network.network, name="network")
 app.add_typer(cli_experiment.experiment, name="experiment")
 app.add_typer(cli_experiment.bench, name="bench")
 

@@ -102,7 +102,7 @@ def view(
     if not runtime.is_dir():
         raise ConfigError(f"{runtime}: no robot runs here")
     views = load_views(out, len(robots.leds.points)) if out.exists() else []
-    with Bus(TOOL, runtime, earlier_processes(TOOL)) as bus:
+    with Bus(TOOL, runtime, earlier_processes(TOOL), robots.network.namespace) as bus:
         features = [measured(state) for state in valid_states(bus, frames)]
     try:
         mean = averaged(features, robots.camera.lens.fx_px)

@@ -91,7 +91,7 @@ def teach(
     robots = loaded(config, overrides)
     if not runtime.is_dir():
         raise ConfigError(f"{runtime}: no robot runs here")
-    with Bus(TOOL, runtime, earlier_processes(TOOL)) as bus:
+    with Bus(TOOL, runtime, earlier_processes(TOOL), robots.network.namespace) as bus:
         states = valid_states(bus, frames)
     features = [measured(state) for state in states]
     poses = [Pose2(state.x_m, state.y_m, state.theta_rad) for state in states]

@@ -99,6 +99,7 @@ def sweep(
 def perception(
     seeds: Annotated[int, typer.Option(min=1, help="approaches per scene")] = 20,
     scenes: Annotated[str, typer.Option(help="comma-separated; all when empty")] = "",
+    jobs: JobsOption = CORES,
     out: Path = Path("out/perception"),
     config: ConfigOption = None,
     overrides: SetOption = None,
@@ -106,7 +107,8 @@ def perception(
     """Hard scenes: losses, wrong LEDs, false locks, and both routes to the pose beside the bound."""
     from experiments import perception as module
 
-    module.run(out, loaded(config, overrides), seeds, names(scenes, tuple(module.SCENES), "scene"))
+    chosen = names(scenes, tuple(module.SCENES), "scene")
+    module.run(out, loaded(config, overrides), seeds, chosen, jobs=jobs)
     _show(out)
 
 

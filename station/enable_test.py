@@ -18,10 +18,13 @@ RIM_SPEED_M_S = 0.1
 BEYOND_M_S = 1.0
 TORQUE_N_M = 1.0
 LIFT_STEP_M = 0.01
+MOVES_RAD = 0.003
 WATCHDOG_LIMIT_MS = 120.0
 _PERIOD_NS = NS_PER_S // 100
 _SPEED_TOLERANCE = 0.2
 _LIFT_TOLERANCE_M = 0.001
+_TORQUE_TOLERANCE = 0.3
+_JOINTS, _GRIPPERS = range(6), range(6, 8)
 
 
 class Pace(Protocol):
@@ -51,6 +54,7 @@ class EnableTest:
         self._drives = DriveBus(config.follower_can, config.base, config_path)
         self._pace = pace
         self._measured: Measurement | None = None
+        self._moved: set[int] = set()
 
     def run(self) -> Iterator[Check]:
         """Every check as it is done. Whatever happens, the drives are quick-stopped at the end.
@@ -73,9 +77,11 @@ class EnableTest:
             for direction in (1.0, -1.0):
                 yield self._wheel(side, direction * RIM_SPEED_M_S)
         yield self._speed_limit()
-        for joint in range(8):
+        # the fingers first, opening last: they let go of what would hold the joints
+        for joint in (*_GRIPPERS, *_JOINTS):
             for direction in (1.0, -1.0):
                 yield self._torque(joint, direction * TORQUE_N_M)
+            yield self._moves(joint)
         start_m = self._now().lift_m
         for height_m in (start_m + LIFT_STEP_M, start_m):
             yield self._lift(height_m)
@@ -95,8 +101,8 @@ class EnableTest:
         return self._now()
 
     def _check(self, name: str, passed: bool, seen: str) -> Check:
-        faults = self._now().faults
-        return Check(name, passed and not faults, "; ".join((seen, *faults)))
+        troubles = self._now().troubles
+        return Check(name, passed and not troubles, "; ".join((seen, *troubles)))
 
     def _enable(self) -> Check:
         self._drives.enable()
@@ -130,16 +136,35 @@ class EnableTest:
         return self._check("wheels' speed limit", fastest <= bound, f"told {BEYOND_M_S}, went {fastest:.3f} m/s")
 
     def _torque(self, joint: int, torque_n_m: float) -> Check:
-        """A joint or gripper takes a small torque; if it meets any resistance, with the right sign."""
+        """A joint gives the torque that it is told, and does not move against it; fingers may move instead."""
         joints, grips = [0.0] * 6, [0.0] * 2
-        (joints if joint < 6 else grips)[joint % 6] = torque_n_m
+        (joints if joint in _JOINTS else grips)[joint % 6] = torque_n_m
         told = DriveSetpoint(joint_torque_n_m=tuple(joints), grip_torque_n_m=(grips[0], grips[1]))
+        before_rad = _angles(self._now())[joint]
         measured = self._hold(told, 0.2)
         felt = (*measured.joint_torque_n_m, *measured.grip_torque_n_m)[joint]
+        # positive torque closes the fingers, whose angle then falls
+        way = 1.0 if joint in _JOINTS else -1.0
+        moved_rad = way * (_angles(measured)[joint] - before_rad)
         self._hold(DriveSetpoint(), 0.1)
-        agrees = abs(felt) < 0.2 * abs(torque_n_m) or felt * torque_n_m > 0.0
+        gives = abs(felt - torque_n_m) <= _TORQUE_TOLERANCE * abs(torque_n_m)
+        follows = moved_rad * torque_n_m > 0.0 and abs(moved_rad) > MOVES_RAD
+        against = moved_rad * torque_n_m < 0.0 and abs(moved_rad) > MOVES_RAD
+        if follows:
+            self._moved.add(joint)
+        agrees = not against and (gives or (follows and joint in _GRIPPERS))
         name = f"{self._drives.axes[2 + joint].name} {'+' if torque_n_m > 0 else '−'}"
-        return self._check(name, agrees, f"told {torque_n_m:+.1f}, felt {felt:+.2f} N·m")
+        return self._check(
+            name, agrees, f"told {torque_n_m:+.1f}, felt {felt:+.2f} N·m, moved {way * moved_rad:+.3f} rad"
+        )
+
+    def _moves(self, joint: int) -> Check:
+        """At a stop an axis moves one way only; one that moves neither way is blocked, or its encoder stuck."""
+        return self._check(
+            f"{self._drives.axes[2 + joint].name} moves",
+            joint in self._moved,
+            "as told" if joint in self._moved else "neither way: blocked, brake on, or its encoder stuck",
+        )
 
     def _lift(self, height_m: float) -> Check:
         measured = self._hold(DriveSetpoint(lift_m=height_m), 1.5)
@@ -162,7 +187,13 @@ class EnableTest:
         later = self._hold(rolling, 1.0)
         moved = max(abs(speed) for speed in later.wheel_speed_rad_s) * radius
         stopped = took_ms <= WATCHDOG_LIMIT_MS and moved < 0.01
-        self._measured = replace(later, faults=())  # that the drives stopped by themselves is what was asked for
+        self._measured = replace(
+            later, faults=(), stalled=""
+        )  # that the drives stopped by themselves is what was asked for
         return self._check(
             "watchdog", stopped, f"quick stop {took_ms:.0f} ms after the last heartbeat, then {moved:.3f} m/s"
         )
+
+
+def _angles(measured: Measurement) -> tuple[float, ...]:
+    return (*measured.joint_angle_rad, *measured.grip_angle_rad)

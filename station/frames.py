@@ -43,7 +43,7 @@ def open_frames(config: Config, config_path: Path, runtime: Path) -> Iterator[It
         ConfigError: the driver cannot be opened by itself.
     """
     if (runtime / "follower-camera.sock").exists():
-        with Bus(TOOL, runtime, earlier_processes(TOOL)) as bus:
+        with Bus(TOOL, runtime, earlier_processes(TOOL), config.network.namespace) as bus:
             yield _running(bus, runtime)
         return
     clock = MonotonicClock()

@@ -79,8 +79,8 @@ class Homing:
 
 
 def _trouble(axis: Axis, measured: Measurement) -> str:
-    if measured.faults:
-        return "; ".join(measured.faults)
+    if measured.troubles:
+        return "; ".join(measured.troubles)
     # before the first answers the stop inputs are not known yet
     if measured.measured_ns >= 0 and not (measured.estop_clear and measured.protective_clear):
         return "a stop input is active"

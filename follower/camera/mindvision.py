@@ -39,6 +39,7 @@ class MindVisionSource:
 
     def __init__(self, context: NodeContext) -> None:
         self._camera = context.config.camera
+        self._exposure_us = self._camera.exposure_us
         self._clock = context.clock
         self._wait_ms = max(2, round(2000.0 / self._camera.rate_hz))
         self._patience = max(_FEWEST_TIMEOUTS, -(-_SILENT_MS // self._wait_ms))
@@ -82,9 +83,18 @@ class MindVisionSource:
             sdk.CameraReleaseImageBuffer(self._handle, raw)
         pixels = (ctypes.c_ubyte * image.size).from_address(self._buffer)
         np.copyto(image, np.ctypeslib.as_array(pixels).reshape(image.shape))
-        exposure_us = self._camera.exposure_us
-        capture_ns = arrived_ns - _READOUT_NS - round(500.0 * exposure_us)
-        return Capture(max(capture_ns, 0), exposure_us, self._camera.gain, f"mindvision:{self._serial}")
+        capture_ns = arrived_ns - _READOUT_NS - round(500.0 * self._exposure_us)
+        return Capture(max(capture_ns, 0), self._exposure_us, self._camera.gain, f"mindvision:{self._serial}")
+
+    def expose(self, exposure_us: float) -> None:
+        """As the camera takes it."""
+        if self._handle is None:
+            return
+        status = self._sdk.CameraSetExposureTime(self._handle, exposure_us)
+        if status == 0:
+            self._exposure_us = exposure_us
+        else:
+            _log.warning("MindVision camera %s: exposure of %g µs refused (%d)", self._serial, exposure_us, status)
 
     def close(self) -> None:
         """Stop the camera and free its buffer."""
@@ -117,6 +127,7 @@ class MindVisionSource:
         self._set("free running", sdk.CameraSetTriggerMode(handle, 0))
         self._set("manual exposure", sdk.CameraSetAeState(handle, 0))
         self._set("camera.exposure_us", sdk.CameraSetExposureTime(handle, camera.exposure_us))
+        self._exposure_us = camera.exposure_us
         self._set("camera.gain", sdk.CameraSetAnalogGainX(handle, camera.gain))
         if hasattr(sdk, "CameraSetFrameRate"):
             self._set("camera.rate_hz", sdk.CameraSetFrameRate(handle, round(camera.rate_hz)))

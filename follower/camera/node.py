@@ -7,19 +7,23 @@ from collections.abc import Sequence
 
 from pydantic import ValidationError
 
-from common.channels import FRAME
+from common.channels import DOCKING_STATE, FRAME
 from common.frame_ring import FrameRing
 from common.frame_source import Capture, FrameSource, frame_source
 from common.messages import Frame
 from common.node import DeviceError, Inbox, Node, NodeContext, Output
 from common.timing import NS_PER_S
+from follower.camera.exposure import ExposureRetry
 
 _REOPEN_NS = NS_PER_S
 _log = logging.getLogger("follower-camera")
 
 
 class CameraNode(Node):
-    """Numbers the frames, puts their pixels into the ring and publishes a note of each."""
+    """Numbers the frames, puts their pixels into the ring and publishes a note of each.
+
+    Where the estimator finds the images badly exposed, one other exposure is tried.
+    """
 
     name = "follower-camera"
     outputs = (FRAME,)
@@ -31,7 +35,8 @@ class CameraNode(Node):
         self._sequence = 0
         self._reopen_ns: int | None = None
         self.trigger = source.trigger
-        self.inputs = source.inputs
+        self.inputs = (*source.inputs, DOCKING_STATE)
+        self._retry = ExposureRetry(self._camera.exposure_us, self._camera.rate_hz)
 
     def start(self, now_ns: int) -> None:  # noqa: ARG002 - the contract's signature
         """Make the ring and open the camera."""
@@ -46,6 +51,7 @@ class CameraNode(Node):
             self._reopen_ns = None if self._reopened() else now_ns + _REOPEN_NS
             return ()
         sequence = self._sequence + 1
+        self._set_exposure(now_ns, inputs)
         try:
             capture = self._source.grab(now_ns, inputs, self._ring.slot(sequence))
             if capture is None:
@@ -63,6 +69,16 @@ class CameraNode(Node):
         """Close the camera."""
         self._source.close()
         return ()
+
+    def _set_exposure(self, now_ns: int, inputs: Inbox) -> None:
+        """Another exposure if the newest state asks for it."""
+        state, before_us = inputs.arrived(DOCKING_STATE), self._retry.exposure_us
+        if state is None:
+            return
+        exposure_us = self._retry.judge(now_ns, state.cause)
+        if exposure_us != before_us:
+            _log.warning("images are %s: exposure %g µs after %g µs", state.cause, exposure_us, before_us)
+            self._source.expose(exposure_us)
 
     def _note(self, sequence: int, capture: Capture) -> Frame:
         """Commit the slot and say what lies in it.
@@ -92,6 +108,7 @@ class CameraNode(Node):
         except DeviceError as error:
             _log.warning("%s", error)
             return False
+        self._retry = ExposureRetry(self._camera.exposure_us, self._camera.rate_hz)
         return True
 
 

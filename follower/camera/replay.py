@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from common.node import DeviceError, Inbox, NodeContext, Trigger
 from common.timing import NS_PER_S
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
+_log = logging.getLogger("follower-camera")
 
 
 class ReplaySource:
@@ -75,6 +77,10 @@ class ReplaySource:
         np.copyto(image, grey)
         capture_ns, self._due_ns = self._due_ns, self._due_ns + self._period_ns
         return Capture(capture_ns, self._camera.exposure_us, self._camera.gain, f"replay:{self._path.name}")
+
+    def expose(self, exposure_us: float) -> None:
+        """Recorded images are as they are."""
+        _log.warning("%s: recorded, cannot be exposed for %g µs", self._path, exposure_us)
 
     def close(self) -> None:
         """Let go of the files; opened again, a video begins anew, a folder goes on."""

@@ -101,6 +101,13 @@ class V4l2Source:
         taken_ns = self._stamp_ns(arrived_ns) - round(500.0 * self._exposure_us)
         return Capture(max(taken_ns, 0), self._exposure_us, self._gain, f"v4l2:{self._device}")
 
+    def expose(self, exposure_us: float) -> None:
+        """As the driver takes it; a device that was closed meanwhile is set up with the configured one."""
+        if self._video is not None:
+            self._exposure_us = self._in_force(
+                self._video, "exposure_us", cv2.CAP_PROP_EXPOSURE, exposure_us, _EXPOSURE_UNIT_US
+            )
+
     def close(self) -> None:
         """Close the device."""
         video, self._video = self._video, None

@@ -17,6 +17,7 @@ from follower.can_bridge.measurement import DriveSetpoint, Measurement
 State = Literal["starting", "disarmed", "enabling", "armed", "stopped", "fault"]
 # rules that hold wheels or arms without anything being wrong
 BENIGN_RULES = frozenset({"", "not_armed", "not_enabled", "no_command", "arm_epoch"})
+STALLED = "bridge_stalled"
 _STANDSTILL_M_S = 0.005
 _DISABLE_NS = NS_PER_S // 2
 
@@ -43,7 +44,9 @@ class Orders:
 class Bridge:
     """Pure: one :meth:`step` per cycle, before the exchange that carries its orders out.
 
-    A rule of the gate that is not benign stops the motion and disarms until the supervisor begins a new epoch.
+    A rule of the gate that is not benign stops the motion and disarms until the supervisor begins a new epoch. So
+    does a stall of the bridge itself, which the drives' watchdogs noticed: cause ``bridge_stalled``. What these
+    latched is released at standstill only, by power off; a new epoch waits for that in ``enabling``.
     """
 
     def __init__(self, config: Config, boot_id: str) -> None:
@@ -54,12 +57,13 @@ class Bridge:
         self._stopped_epoch = -1
         self._still_since_ns: int | None = None
         self._last_intervention: tuple[str, ...] = ()
-        self._was_armed = False
+        self._was_armed = self._was_stalled = False
         self._resets: int | None = None
         self.state: State = "starting"
         self.cause = ""
         self.epoch = 0
         self.interventions = 0
+        self.intervened: tuple[str, ...] = ()
 
     def step(self, heard: Heard, measured: Measurement) -> Orders:
         """Decide from what was heard and from the last exchange."""
@@ -109,9 +113,14 @@ class Bridge:
         self, heard: Heard, measured: Measurement, decision: Decision, arms: ArmDecision, wanted: bool
     ) -> None:
         """The arming state, from what holds now."""
+        stalls, self._was_stalled = bool(measured.stalled) and not self._was_stalled, bool(measured.stalled)
         if measured.faults or not measured.bus_ok:
             self.state = "fault"
             self.cause = measured.faults[0] if measured.faults else "bus lost"
+            if wanted:
+                self._stopped_epoch = self.epoch
+        elif stalls:
+            self.state, self.cause = "stopped", STALLED
             if wanted:
                 self._stopped_epoch = self.epoch
         elif not wanted:
@@ -131,7 +140,7 @@ class Bridge:
             self.state, self.cause = "enabling", ""
 
     def _power(self, now_ns: int, measured: Measurement) -> Literal["enable", "stop_arms", "disable"] | None:
-        if self.state in ("enabling", "armed"):
+        if self.state in ("enabling", "armed") and not measured.stalled:
             self._still_since_ns = None
             return "enable"
         v, _ = twist_from_wheels(self._config.base, measured.wheel_speed_rad_s)
@@ -162,4 +171,5 @@ class Bridge:
         present = tuple(name for name in names if name)
         if present and present != self._last_intervention and self.state in ("armed", "stopped"):
             self.interventions += 1
+            self.intervened = present
         self._last_intervention = present

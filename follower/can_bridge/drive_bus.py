@@ -113,7 +113,10 @@ class DriveBus:
             self._request(Target.ENABLED, groups)
 
     def disable(self, groups: Sequence[Group] = ("wheels",)) -> None:
-        """Request power off. The arms keep holding unless they are named. Acknowledges a stall of the bridge."""
+        """Request power off. The arms keep holding unless they are named.
+
+        Acknowledges a stall of the bridge: what the drives' watchdogs latched may be enabled anew after that.
+        """
         self._stalled = ""
         self._request(Target.DISABLED, groups)
 
@@ -140,7 +143,7 @@ class DriveBus:
         try:
             self._receive(now_ns)
             faults = self._faults(now_ns)
-            if faults:
+            if faults or self._stalled:
                 self.quick_stop()
                 self._home = None
             self._send(now_ns, setpoint)
@@ -223,7 +226,8 @@ class DriveBus:
             stood_ns = now_ns - self._exchanged_ns
             if stood_ns > self._config.watchdog_ms * NS_PER_MS:
                 self._stalled = f"bridge: stood still for {stood_ns // NS_PER_MS} ms"
-        return [self._stalled] * bool(self._stalled) + self._inbound.faults(now_ns)
+                self._inbound.stood_still(now_ns)
+        return self._inbound.faults(now_ns, bool(self._stalled))
 
     def _measurement(self, now_ns: int, faults: tuple[str, ...]) -> Measurement:
         axes, io = self.axes, self._inbound.io
@@ -250,4 +254,5 @@ class DriveBus:
             faults=faults,
             malformed=self._inbound.malformed,
             unknown=self._inbound.unknown,
+            stalled=self._stalled,
         )

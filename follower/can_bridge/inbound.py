@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
-from common.canopen_frames import EMCY, HEARTBEAT, STATE_BOOT_UP, TPDO, CanFrame, decode_emergency
+from common.canopen_frames import EMCY, HEARTBEAT, HEARTBEAT_LOST, STATE_BOOT_UP, TPDO, CanFrame, decode_emergency
 from common.cia402 import DriveState
 from common.timing import NS_PER_MS
 from follower.can_bridge.axes import OUTSTANDING, Axis
@@ -90,11 +90,15 @@ class Inbound:
         self.io.emergency = ""
         self._malformed_ns.clear()
 
-    def faults(self, now_ns: int) -> list[str]:
-        """What is wrong, one line each, naming axis or node."""
+    def stood_still(self, now_ns: int) -> None:
+        """The bridge itself stood still: silence counts from now on."""
+        self._started_ns = now_ns
+
+    def faults(self, now_ns: int, stalled: bool = False) -> list[str]:
+        """What is wrong, one line each, naming axis or node; not what follows from a stall of the bridge."""
         found: list[str] = []
         for axis in self.axes:
-            found += _axis_faults(axis)
+            found += _axis_faults(axis, stalled)
             if self._silent(axis.status_ns, now_ns):
                 found.append(f"{axis.name}: node {axis.node_id} is silent")
         if self.io.emergency:
@@ -159,10 +163,12 @@ class Inbound:
         return True
 
 
-def _axis_faults(axis: Axis) -> list[str]:
-    found = [f"{axis.name}: {emergency.name}" for emergency in axis.emergencies.values()]
+def _axis_faults(axis: Axis, stalled: bool) -> list[str]:
+    """With the bridge ``stalled`` the drives' watchdogs stopped them, as they should: that is no fault of theirs."""
+    expected = {HEARTBEAT_LOST} if stalled else set()
+    found = [f"{axis.name}: {each.name}" for code, each in axis.emergencies.items() if code not in expected]
     if axis.state in (DriveState.FAULT, DriveState.FAULT_REACTION) and not axis.emergencies:
         found.append(f"{axis.name}: {axis.state.value}")
-    elif axis.was_enabled and axis.state is not DriveState.ENABLED and not axis.emergencies:
+    elif axis.was_enabled and axis.state is not DriveState.ENABLED and not (axis.emergencies or stalled):
         found.append(f"{axis.name}: left operation by itself: {axis.state.value}")
     return found

@@ -39,7 +39,7 @@ class CanBridgeNode(Node):
         self._sequence = -1
         self._image_to_can_ns = 0
         self._reopen_ns = 0
-        self._state = ""
+        self._state = self._stalled = ""
 
     def start(self, now_ns: int) -> None:  # noqa: ARG002 - the contract's signature
         """Bring every node up, disabled."""
@@ -58,6 +58,9 @@ class CanBridgeNode(Node):
         orders, setpoint = self._decide(heard, self._measured)
         self._request(orders)
         self._measured = self._bus.exchange(now_ns, setpoint)
+        if self._measured.stalled != self._stalled:
+            self._stalled = self._measured.stalled
+            _log.warning("%s", self._stalled or "the stall is over: the drives may be enabled anew")
         self._time(orders.decision, signed)
         if self._bridge.state != self._state:
             self._state = self._bridge.state
@@ -128,6 +131,7 @@ class CanBridgeNode(Node):
             image_to_can_ns=self._image_to_can_ns,
             gate_rule=decision.rule,
             gate_interventions=bridge.interventions,
+            gate_intervened=",".join(bridge.intervened),
             shadow=self._shadow is not None,
         )
 

@@ -8,6 +8,7 @@ diamond, exp(−(|x| + |y|)/w), so that the area brighter than g is 2 w² ln²(S
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from common.config import CameraConfig, LedsConfig
 from common.geometry import Array
 from follower.estimator.spots import PEAK_FRACTION
 
+Verdict = Literal["like", "dim", "unlike"]
 _WHITE = 255.0
 _DIMMEST_COSINE = 0.1
 
@@ -51,14 +53,18 @@ class LedBrightness:
         found: Array = np.exp(np.interp(mass, summed, np.log(strength), left=0.0))
         return found
 
-    def fits(self, state: Array, mass: Array, threshold: int) -> bool:
+    def judge(self, state: Array, mass: Array, threshold: int, light: float = 1.0) -> Verdict:
         """Whether the spots (mass (n,), NaN where not seen) can be the LEDs at that state: all within the factor,
-        and none further than the factor from another.
+        and none further than the factor from another; ``dim`` if they are so alike, but all too dim.
+
+        ``light`` is the image's exposure times gain over the configured ones.
         """
         seen = np.isfinite(mass)
-        ratio = np.log(self.measured(mass[seen], threshold) / self.expected(state)[seen])
-        most = math.log(self._factor)
-        return bool(abs(float(np.median(ratio))) <= most and float(np.ptp(ratio)) <= most)
+        ratio = np.log(self.measured(mass[seen], threshold) / (light * self.expected(state)[seen]))
+        most, middle = math.log(self._factor), float(np.median(ratio))
+        if float(np.ptp(ratio)) > most or middle > most:
+            return "unlike"
+        return "like" if middle >= -most else "dim"
 
 
 def _integral(strength: Array, grey: Array) -> Array:

@@ -29,6 +29,7 @@ class DeadReckoning:
         self._time_ns: int | None = None
         self._state = np.zeros(STATES)
         self._covariance = np.zeros((STATES, STATES))
+        self._next: tuple[int, tuple[float, float]] | None = None
 
     @property
     def known(self) -> bool:
@@ -38,25 +39,34 @@ class DeadReckoning:
     @property
     def pose(self) -> Pose2:
         """Expected pose of {L} in {F} at the time of the last ``drive`` or ``seen``."""
+        self._carry_on()
         x, y, theta = self._state[POSE].tolist()
         return Pose2(x, y, wrap_angle(theta))
 
     def forget(self) -> None:
         """From now on the array may be anywhere."""
-        self._time_ns = None
+        self._time_ns = self._next = None
 
     def seen(self, pose: Pose2, covariance: Array, time_ns: int) -> None:
         """Begin anew from a fit and its (3, 3) covariance of x [m], y [m], θ [rad]."""
-        self._time_ns = time_ns
-        self._state = np.concatenate([pose.as_array(), np.zeros(STATES - 3)])
+        self._time_ns, self._next = time_ns, None
+        self._state = np.array([pose.x_m, pose.y_m, pose.theta_rad, 0.0, 0.0, 0.0, 0.0])
         self._covariance = np.zeros((STATES, STATES))
         self._covariance[POSE, POSE] = covariance
         self._covariance[DISTURBANCE, DISTURBANCE] = self._disturbance
 
     def drive(self, time_ns: int, twist: tuple[float, float]) -> None:
         """Carry on to ``time_ns`` with the measured (v [m/s], ω [rad/s]); an earlier time changes nothing."""
-        if self._time_ns is None or time_ns <= self._time_ns:
+        if self._time_ns is None or time_ns <= (self._next[0] if self._next else self._time_ns):
             return
+        self._carry_on()
+        self._next = (time_ns, twist)
+
+    def _carry_on(self) -> None:
+        """Drive what is still to be driven; put off until it is asked for, as the next sight makes it needless."""
+        if self._time_ns is None or self._next is None:
+            return
+        (time_ns, twist), self._next = self._next, None
         self._state, transition = advance(self._state, *twist, (time_ns - self._time_ns) / NS_PER_S)
         self._covariance = transition @ self._covariance @ transition.T
         self._time_ns = time_ns
@@ -65,6 +75,7 @@ class DeadReckoning:
         """(K,) whether fits (K, ≥ 3) with covariance (K, ≥ 3, ≥ 3) can be that array; all, if none was ever seen."""
         if self._time_ns is None:
             return np.ones(len(states), dtype=np.bool_)
+        self._carry_on()
         step = states[:, :3] - self._state[POSE]
         step[:, 2] = np.arctan2(np.sin(step[:, 2]), np.cos(step[:, 2]))
         grown = self._covariance[POSE, POSE]

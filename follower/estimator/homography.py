@@ -18,8 +18,10 @@ from common.geometry import Array, wrap_angle
 _PURE_ROTATION = 2e-3
 _THINNEST = 1e-4
 _SMALLEST_SCALE = 1e-6
+_FEWEST = 4
 _IDENTITY = np.eye(3)
 _NORMALS_ALIKE_RAD = math.radians(25.0)
+Rows = list[list[float]]
 
 
 def array_normal(points_l: Array) -> Array:
@@ -45,25 +47,48 @@ def theta_from_homography(
         None where fewer than four features are seen, they are degenerate, the plane is seen from behind, or no
         solution has every LED in front of the camera.
     """
-    seen = np.isfinite(current[:, 0])
-    if seen.sum() < 4 or _collinear(current[seen]) or _collinear(desired[seen]):
+    if not np.isfinite(current).all():
+        seen = np.isfinite(current[:, 0])
+        current, desired = current[seen], desired[seen]
+    if len(current) < _FEWEST or _collinear(current) or _collinear(desired):
         return None
-    matrix, _ = cv2.findHomography(desired[seen], current[seen], 0)
-    if matrix is None or not np.isfinite(matrix).all():
+    found, _ = cv2.findHomography(desired, current, 0)
+    if found is None:
         return None
-    signed = _in_front(np.asarray(matrix, dtype=np.float64), desired[seen])
-    scale = math.cbrt(float(np.linalg.det(signed)))
+    rays = desired.tolist()
+    matrix = _in_front(found.tolist(), rays)
+    determinant = _determinant(matrix)
+    if not math.isfinite(determinant):
+        return None
+    scale = math.cbrt(determinant)
     if scale < _SMALLEST_SCALE:
         return None  # the plane seen from behind
-    if np.abs(signed.T @ signed / scale**2 - _IDENTITY).max() < _PURE_ROTATION:
-        return _heading(signed / scale)
-    return _choose(signed, desired[seen], normal, predicted_theta_rad)
+    if _is_rotation(matrix, scale):
+        return _heading(matrix)
+    return _choose(matrix, rays, normal, predicted_theta_rad)
 
 
-def _in_front(matrix: Array, desired: Array) -> Array:
+def _in_front(matrix: Rows, rays: list[list[float]]) -> Rows:
     """H with the sign under which it maps points before one camera to points before the other."""
-    mapped = desired @ matrix[2, :2] + matrix[2, 2]
-    return matrix if float(mapped.sum()) > 0.0 else -matrix
+    x, y, z = matrix[2]
+    if sum(alpha * x + beta * y + z for alpha, beta in rays) > 0.0:
+        return matrix
+    return [[-value for value in row] for row in matrix]
+
+
+def _determinant(matrix: Rows) -> float:
+    (a, b, c), (d, e, f), (g, h, i) = matrix
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+
+
+def _is_rotation(matrix: Rows, scale: float) -> bool:
+    """Whether H over its scale turns only: its columns are orthonormal."""
+    columns = list(zip(*matrix, strict=True))
+    for i, (a, b, c) in enumerate(columns):
+        for j, (d, e, f) in enumerate(columns[: i + 1]):
+            if abs((a * d + b * e + c * f) / scale**2 - (i == j)) >= _PURE_ROTATION:
+                return False
+    return True
 
 
 def _collinear(points: Array) -> bool:
@@ -76,18 +101,17 @@ def _collinear(points: Array) -> bool:
     return bool(0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy) < _THINNEST**2)
 
 
-def _choose(matrix: Array, desired: Array, normal: Array, predicted: float | None) -> float | None:
-    _, rotations, _, normals = cv2.decomposeHomographyMat(matrix, _IDENTITY)
-    rays = desired.tolist()
+def _choose(matrix: Rows, rays: list[list[float]], normal: Array, predicted: float | None) -> float | None:
+    _, rotations, _, normals = cv2.decomposeHomographyMat(np.array(matrix), _IDENTITY)
     n_x, n_y, n_z = normal.tolist()
     found: list[tuple[float, float]] = []
     for rotation, candidate in zip(rotations, normals, strict=True):
-        x, y, z = candidate.ravel().tolist()
+        ((x,), (y,), (z,)) = candidate.tolist()
         # NaN fails the comparison too
         if not all(alpha * x + beta * y + z > 0.0 for alpha, beta in rays):
             continue
         angle = math.acos(min(max(x * n_x + y * n_y + z * n_z, -1.0), 1.0))
-        found.append((angle, _heading(np.asarray(rotation, dtype=np.float64))))
+        found.append((angle, _heading(rotation.tolist())))
     if not found:
         return None
     found.sort()
@@ -97,6 +121,6 @@ def _choose(matrix: Array, desired: Array, normal: Array, predicted: float | Non
     return min(nearest, key=lambda theta: abs(wrap_angle(theta - predicted)))
 
 
-def _heading(rotation: Array) -> float:
-    """Rotation about the camera's y axis, the paper's θ_L^F."""
-    return math.atan2(rotation[2, 0] - rotation[0, 2], rotation[0, 0] + rotation[2, 2])
+def _heading(rotation: Rows) -> float:
+    """Rotation about the camera's y axis, the paper's θ_L^F; of a positive multiple of a rotation too."""
+    return math.atan2(rotation[2][0] - rotation[0][2], rotation[0][0] + rotation[2][2])

@@ -32,8 +32,8 @@ class ImageHealth:
     def __init__(self, shape: tuple[int, int]) -> None:
         self._shape = shape
         self._capture_ns = -1
-        self._rows: Image | None = None
-        self._features: Array | None = None
+        self._rows = b""
+        self._features = b""
         self._same_rows = False
         self._repeats = 0
         self._still = 0
@@ -47,14 +47,14 @@ class ImageHealth:
         if capture_ns <= self._capture_ns:
             return ImageReport(cause="stale_frame")
         self._capture_ns = capture_ns
-        rows = image[8::64].copy()
-        self._same_rows = self._rows is not None and np.array_equal(rows, self._rows)
+        rows = image[8::64].tobytes()
+        self._same_rows = rows == self._rows
         self._rows = rows
         level, white = background(image)
         exposure: StateCause | None = None
         if white > _WHITE_PART:
             exposure = "overexposed"
-        elif level <= _DARKEST and not rows.any():
+        elif level <= _DARKEST and not any(rows):
             exposure = "underexposed"
         return ImageReport(exposure=exposure, background=level)
 
@@ -62,9 +62,8 @@ class ImageHealth:
         """Whether the camera repeats itself: the same pixels and features in three frames, no sensor does that;
         or the very same features in five while the robot moves.
         """
-        before, self._features = self._features, features
-        seen = bool(np.isfinite(features).any())
-        same = seen and before is not None and np.array_equal(features, before, equal_nan=True)
+        before, self._features = self._features, features.tobytes()
+        same = self._features == before and bool(np.isfinite(features).any())
         self._repeats = self._repeats + 1 if same and self._same_rows else 0
         self._still = self._still + 1 if same and moving else 0
         return self._repeats >= _FROZEN_FRAMES - 1 or self._still >= _STILL_FRAMES - 1

@@ -103,8 +103,8 @@ class RelativeObserver:
         Args:
             features: (n, 2) normalised coordinates, NaN for what was not seen.
             sigma_normalised: standard deviation of one coordinate.
-            heading: a measurement of θ_L^F and its standard deviation [rad], if there is one that does not come
-                from the same features.
+            heading: a measurement of θ_L^F and its standard deviation [rad]; θ is then taken from it, and the
+                features, which it may have come from, correct the place alone. None: θ from the features too.
 
         Returns:
             (n,) whether each point was used; not those unseen or outside the gate.
@@ -119,6 +119,7 @@ class RelativeObserver:
         rows = np.repeat(used, 2)
         values, slopes = residual.reshape(-1)[rows], jacobian[rows]
         if heading is not None:
+            slopes[:, 2] = 0.0
             values = np.append(values, wrap_angle(heading[0] - float(self._state[2])) / heading[1])
             slopes = np.vstack([slopes, np.eye(STATES)[2] / heading[1]])
         if values.size:

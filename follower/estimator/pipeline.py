@@ -81,6 +81,7 @@ class Perception:
         self._reckoning = DeadReckoning(estimator)
         self._track: _Track | None = None
         self._failures = 0
+        self._light = 1.0
 
     def let_go(self) -> None:
         """No docking goes on: the next array may be another one, anywhere."""
@@ -94,6 +95,7 @@ class Perception:
         twist: tuple[float, float],
         desired_features: Array | None,
         predicted: Pose2 | None = None,
+        light: float = 1.0,
     ) -> Detection:
         """Take one frame.
 
@@ -105,7 +107,9 @@ class Perception:
             desired_features: (n, 2) normalised features at the goal; None: no homography.
             predicted: pose of {L} in {F} at the capture as the observer expects it; where the array was not seen
                 in the last frame, it is looked for there.
+            light: the frame's exposure times gain over the configured ones.
         """
+        self._light = light
         nowhere = np.full((len(self._points), 2), np.nan)
         nothing = Detection(frame_sequence, capture_ns, False, "no_frame", nowhere, nowhere)
         seen = self._health.look(image, capture_ns)
@@ -121,7 +125,7 @@ class Perception:
                 detection = self._identified(image, rule, nothing)
         except NoisyImageError:
             self._track = track
-            return replace(nothing, cause="noisy")
+            return replace(nothing, cause=seen.exposure or "noisy")
         if detection.pose is None:
             detection = replace(detection, cause=self._exposure(image, rule, seen, detection))
         if self._health.frozen(detection.features, moving=abs(twist[0]) > _MOVING or abs(twist[1]) > _MOVING):
@@ -139,7 +143,7 @@ class Perception:
         """Why nothing was found: the exposure, if it is that; the array may show only at a lower threshold."""
         if seen.exposure is not None:
             return seen.exposure
-        dim = round(seen.background + self._settings.threshold / 6)
+        dim = round(seen.background + self._settings.threshold / 10)
         if detection.cause != "few_leds" or dim >= rule.threshold:
             return detection.cause
         try:
@@ -239,9 +243,12 @@ class Perception:
             self._failures += 1
             cause = "residual" if isinstance(match, Match) else _CAUSES[match]
             return replace(nothing, cause=cause, spots=len(spots))
-        if self._brightness is not None and not self._brightness.fits(found.fitted.state, found.mass, rule.threshold):
-            self._failures += 1
-            return replace(nothing, cause="not_identified", spots=len(spots))
+        if self._brightness is not None:
+            verdict = self._brightness.judge(found.fitted.state, found.mass, rule.threshold, self._light)
+            if verdict != "like":
+                self._failures += 1
+                cause = "underexposed" if verdict == "dim" else "not_identified"
+                return replace(nothing, cause=cause, spots=len(spots))
         self._failures = 0
         partial = bool(np.isnan(found.features).any())
         to_confirm = _CONFIRM_PARTIAL if partial else _CONFIRM_FULL
@@ -262,18 +269,19 @@ class Perception:
         return Followed(features, fitted, np.where(used, spots.mass[chosen], np.nan), len(spots))
 
     def _residual_px(self, fitted: PlanarFit) -> float:
-        return float(np.sqrt(np.nanmean(fitted.residual**2))) * self._focal_px
+        return fitted.residual_rms * self._focal_px
 
     def _report(self, nothing: Detection, found: Followed, confirmed: bool) -> Detection:
         fitted = found.fitted
-        return replace(
-            nothing,
+        return Detection(
+            frame_sequence=nothing.frame_sequence,
+            capture_ns=nothing.capture_ns,
             valid=confirmed,
             cause="ok" if confirmed else "confirming",
             features=found.features,
             features_level=levelled(found.features, fitted.pitch_rad, fitted.roll_rad),
             spots=found.spots,
-            leds_seen=int(np.isfinite(found.features[:, 0]).sum()),
+            leds_seen=int(np.count_nonzero(np.isfinite(found.features[:, 0]))),
             pose=fitted.pose,
             pitch_rad=fitted.pitch_rad,
             roll_rad=fitted.roll_rad,

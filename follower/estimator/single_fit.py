@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from common.geometry import Array, Pose2, wrap_angle
@@ -37,6 +38,12 @@ class PlanarFit:
     residual: Array
 
     @property
+    def residual_rms(self) -> float:
+        """Root mean square of the residual over the LEDs seen, normalised."""
+        squares = [value * value for value in self.residual.tolist() if value == value]
+        return math.sqrt(sum(squares) / len(squares))
+
+    @property
     def state(self) -> Array:
         """x, y, θ, pitch, roll."""
         return np.array([self.pose.x_m, self.pose.y_m, self.pose.theta_rad, self.pitch_rad, self.roll_rad])
@@ -62,7 +69,11 @@ def levelled(features: Array, pitch_rad: float, roll_rad: float) -> Array:
 
 
 def fit_one(model: FitModel, features: Array, start: Array, iterations: int = 6) -> PlanarFit | None:
-    """Fit one hypothesis, features (n, 2) with NaN where not seen; None where a LED left the camera's view."""
+    """Fit one hypothesis, features (n, 2) with NaN where not seen; None where a LED left the camera's view.
+
+    Once a step is below 1e-4, residuals follow it to first order and the covariance is that of before it: what
+    another evaluation would change does not show in eight digits.
+    """
     seen = [
         (row, alpha, beta, tuple(point))
         for row, ((alpha, beta), point) in enumerate(zip(features.tolist(), model.points_l.tolist(), strict=True))
@@ -71,50 +82,57 @@ def fit_one(model: FitModel, features: Array, start: Array, iterations: int = 6)
     state = start.tolist()
     weight, prior = 1.0 / model.sigma**2, 1.0 / model.tilt_sigma_rad**2
     mount = tuple(model.camera_xyz_m.tolist())
-    for _ in range(iterations):
-        information, gradient, _, _ = _normal_equations(seen, state, mount, weight, prior)
-        step = np.linalg.solve(information, gradient).tolist()
-        step = [min(max(delta, -most), most) for delta, most in zip(step, _STEPS, strict=True)]
+    while True:
+        jacobian, error, nearest = _linearised(seen, state, mount)
+        covariance = _covariance(jacobian, weight, prior)
+        if covariance is None:
+            return None
+        if iterations == 0:
+            break
+        iterations -= 1
+        gradient = error @ jacobian * weight
+        gradient[3] -= prior * state[3]
+        gradient[4] -= prior * state[4]
+        taken = covariance @ gradient
+        step = [min(max(delta, -most), most) for delta, most in zip(taken.tolist(), _STEPS, strict=True)]
         state = [value + delta for value, delta in zip(state, step, strict=True)]
         if max(map(abs, step)) < CONVERGED:
+            error -= jacobian @ taken
             break
-    information, _, errors, nearest = _normal_equations(seen, state, mount, weight, prior)
     if not nearest > NEAREST_M:
         return None
+    squares = [alpha * alpha + beta * beta for alpha, beta in error.reshape(-1, 2).tolist()]
     residual = np.full(len(features), np.nan)
-    for row, square in errors:
+    for (row, *_), square in zip(seen, squares, strict=True):
         residual[row] = math.sqrt(square)
-    chi2 = weight * sum(square for _, square in errors) + prior * (state[3] ** 2 + state[4] ** 2)
-    covariance = np.asarray(np.linalg.inv(information)[:3, :3], dtype=np.float64)
-    return PlanarFit(Pose2(state[0], state[1], wrap_angle(state[2])), state[3], state[4], covariance, chi2, residual)
+    chi2 = weight * sum(squares) + prior * (state[3] ** 2 + state[4] ** 2)
+    pose = Pose2(state[0], state[1], wrap_angle(state[2]))
+    return PlanarFit(pose, state[3], state[4], covariance[:3, :3], chi2, residual)
 
 
-def _normal_equations(
-    seen: list[tuple[int, float, float, tuple[float, ...]]],
-    state: list[float],
-    mount: tuple[float, ...],
-    weight: float,
-    prior: float,
-) -> tuple[Array, Array, list[tuple[int, float]], float]:
-    """Information (5, 5), gradient (5,), squared error of each seen LED, depth of the nearest one."""
+def _linearised(
+    seen: list[tuple[int, float, float, tuple[float, ...]]], state: list[float], mount: tuple[float, ...]
+) -> tuple[Array, Array, float]:
+    """Jacobian (2m, 5) and error (2m,) of the seen LEDs, depth of the nearest one."""
     tilt = _cos_sin(state)
     jacobian: list[list[float]] = []
     error: list[float] = []
-    squares = []
     nearest = math.inf
-    for row, alpha, beta, point in seen:
+    for _, alpha, beta, point in seen:
         along, across, model_alpha, model_beta, depth = _rows(point, state, mount, tilt)
         jacobian += [along, across]
         error += [alpha - model_alpha, beta - model_beta]
-        squares.append((row, error[-2] ** 2 + error[-1] ** 2))
         nearest = min(nearest, depth)
-    stacked = np.array(jacobian)
-    information = stacked.T @ stacked * weight
-    gradient = stacked.T @ np.array(error) * weight
-    for column in (3, 4):
-        information[column, column] += prior
-        gradient[column] -= prior * state[column]
-    return information, gradient, squares, nearest
+    return np.array(jacobian).reshape(-1, 5), np.array(error), nearest
+
+
+def _covariance(jacobian: Array, weight: float, prior: float) -> Array | None:
+    """(5, 5) of the state; None where the LEDs do not determine it."""
+    information = jacobian.T @ jacobian * weight
+    information[3, 3] += prior
+    information[4, 4] += prior
+    regular, covariance = cv2.invert(information, flags=cv2.DECOMP_CHOLESKY)  # a quarter of numpy's time
+    return np.asarray(covariance, dtype=np.float64) if regular else None
 
 
 def _rows(point: tuple[float, ...], state: list[float], mount: tuple[float, ...], tilt: tuple[float, ...]) -> _Rows:

@@ -17,6 +17,12 @@ Weighting = Literal["paper", "above_threshold"]
 SATURATED = 250
 PEAK_FRACTION = 0.4
 MOST_CONTOURS = 500
+MOST_MEASURED = 100
+_MOST_SPLIT = 20
+_MOST_PARTS = 12
+_RUNS_EVERY = 8
+_MOST_RUNS = 500  # in every eighth row; the named scenes make 60 at most
+_SMALL = 128
 _SPLIT_FRACTIONS = (0.55, 0.75, 0.9)
 _LONG = 1.4
 
@@ -118,33 +124,53 @@ def brightest(spots: Spots, count: int) -> Spots:
 def _spots_in(image: Image, window: Window, rule: SpotRule) -> Iterable[_Row]:
     left, top, right, bottom = window
     region = image[top:bottom, left:right]
-    for x, y, w, h in _components(region, rule.threshold):
-        if rule.min_area_px <= w * h <= rule.max_area_px:
-            box = region[y : y + h, x : x + w]
-            row = _measure(box, left + x, top + y, rule)
-            if row is not None and row[6] > _LONG and rule.weighting != "paper":
-                yield from _split(box, left + x, top + y, rule, row)
-            elif row is not None:
-                yield row
+    boxes = [
+        (x, y, w, h)
+        for x, y, w, h in _components(region, rule.threshold)
+        if rule.min_area_px <= w * h <= rule.max_area_px
+    ]
+    if len(boxes) > MOST_MEASURED:
+        boxes = sorted(boxes, key=lambda box: box[2] * box[3])[-MOST_MEASURED:]
+    splits = _MOST_SPLIT
+    for x, y, w, h in boxes:
+        box = region[y : y + h, x : x + w]
+        row = _measure(box, left + x, top + y, rule)
+        if row is not None and row[6] > _LONG and rule.weighting != "paper" and splits > 0:
+            splits -= 1
+            yield from _split(box, left + x, top + y, rule, row)
+        elif row is not None:
+            yield row
 
 
-def _components(region: Image, level: float) -> Iterable[Window]:
+def _components(region: Image, level: float) -> list[Window]:
     """Bounding boxes (x, y, width, height) of what is brighter than the level."""
-    _, mask = cv2.threshold(region, level, 255, cv2.THRESH_BINARY)
+    _, bright = cv2.threshold(region, level, 255, cv2.THRESH_BINARY)
+    mask: Image = np.asarray(bright, dtype=np.uint8)
+    if len(mask) > _SMALL:
+        _refuse_noise(mask)
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     if len(contours) > MOST_CONTOURS:
         raise NoisyImageError(f"{len(contours)} bright specks, at most {MOST_CONTOURS} are looked at")
-    for contour in contours:
-        x, y, w, h = cv2.boundingRect(contour)
-        yield x, y, w, h
+    return [(x, y, w, h) for x, y, w, h in map(cv2.boundingRect, contours)]
+
+
+def _refuse_noise(mask: Image) -> None:
+    """Refuse a mask of so many specks that finding them takes too long, by the bright runs in a sample of rows."""
+    rows = mask[_RUNS_EVERY // 2 :: _RUNS_EVERY]
+    runs = int(np.count_nonzero(rows[:, 1:] > rows[:, :-1]))
+    if runs > _MOST_RUNS:
+        raise NoisyImageError(f"{runs} bright runs in every {_RUNS_EVERY}th row, at most {_MOST_RUNS} are looked at")
 
 
 def _split(box: Image, x0: int, y0: int, rule: SpotRule, whole: _Row) -> list[_Row]:
     """A long spot as its parts, if a higher level parts it into one round spot or more; else as it was."""
     for fraction in _SPLIT_FRACTIONS:
+        boxes = _components(box, fraction * whole[3])
+        if len(boxes) > _MOST_PARTS:
+            break  # mottled, no lamps side by side
         parts = [
             row
-            for x, y, w, h in _components(box, fraction * whole[3])
+            for x, y, w, h in boxes
             if (row := _measure(box[y : y + h, x : x + w], x0 + x, y0 + y, rule)) is not None
         ]
         if parts and max(parts, key=lambda row: row[2])[6] <= _LONG:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import astuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from follower.estimator.pipeline import Perception
 # frames in a row that the observer may refuse before it starts anew from what perception sees
 _REFUSED_LIMIT = 6
 _RESET_INFLATION = 4.0
+_HOMOGRAPHY_SIGMA_RAD = math.radians(3.0)  # of one frame: the noise of θ that the paper simulates
 
 
 class StateEstimator:
@@ -28,6 +30,7 @@ class StateEstimator:
         self._perception = Perception(config)
         self._observer = RelativeObserver(config.leds.points, config.camera.mount, config.estimator)
         self._sigma = config.estimator.pixel_sigma_px / config.camera.lens.fx_px
+        self._by_homography = config.estimator.method == "paper"
         self._coast_ns = round(config.estimator.coast_ms * NS_PER_MS)
         self._measured_ns: int | None = None
         self._refused = 0
@@ -56,8 +59,15 @@ class StateEstimator:
         self._frame_sequence = frame.sequence
         self._seen += image is not None
         self._dropped += image is None
+        camera = self._config.camera
         detection = self._perception.process(
-            image, frame.sequence, frame.capture_ns, twist, desired_features, self._expected(frame.capture_ns, twist)
+            image,
+            frame.sequence,
+            frame.capture_ns,
+            twist,
+            desired_features,
+            self._expected(frame.capture_ns, twist),
+            frame.exposure_us * frame.gain / (camera.exposure_us * camera.gain),
         )
         self._filter(detection, twist)
         return self._state(detection, frame.capture_ns)
@@ -80,13 +90,23 @@ class StateEstimator:
                 self._observer.predict(capture_ns, *twist)
         if not detection.valid or detection.pose is None or detection.covariance is None:
             return
+        heading = self._heading(detection)
         if self._measured_ns is not None:
-            used = self._observer.update(detection.features_level, self._sigma)
+            used = self._observer.update(detection.features_level, self._sigma, heading)
             self._refused = 0 if used.sum() >= len(used) - 1 else self._refused + 1
         if self._measured_ns is None or self._refused >= _REFUSED_LIMIT:
-            self._observer.reset(detection.pose, _RESET_INFLATION * detection.covariance, capture_ns)
+            pose, covariance = detection.pose, _RESET_INFLATION * detection.covariance
+            if heading is not None:
+                pose, covariance = _turned(pose, covariance, heading)
+            self._observer.reset(pose, covariance, capture_ns)
             self._refused = 0
         self._measured_ns = capture_ns
+
+    def _heading(self, detection: Detection) -> tuple[float, float] | None:
+        """θ_L^F and its standard deviation [rad] by the paper's method, where the homography has a solution."""
+        if not self._by_homography or detection.theta_homography_rad is None:
+            return None
+        return detection.theta_homography_rad, _HOMOGRAPHY_SIGMA_RAD
 
     def _state(self, detection: Detection, capture_ns: int) -> DockingState:
         valid = self._measured_ns is not None
@@ -127,6 +147,15 @@ def _fit(detection: Detection) -> tuple[float, float, float, float, float] | Non
     if pose is None:
         return None
     return pose.x_m, pose.y_m, pose.theta_rad, detection.pitch_rad, detection.roll_rad
+
+
+def _turned(pose: Pose2, covariance: Array, heading: tuple[float, float]) -> tuple[Pose2, Array]:
+    """The pose and its (3, 3) covariance with θ and its standard deviation taken from elsewhere."""
+    theta_rad, sigma_rad = heading
+    independent = covariance.copy()
+    independent[2, :] = independent[:, 2] = 0.0
+    independent[2, 2] = sigma_rad**2
+    return Pose2(pose.x_m, pose.y_m, theta_rad), independent
 
 
 def _row(matrix: Array) -> tuple[float, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -65,16 +66,11 @@ def moved_together(predicted_px: Array, spots_px: Array, allowed: NDArray[np.boo
     Camera tilt moves all LEDs alike, a lamp behind them does not. Every allowed pair proposes its shift; the one
     wins under which most LEDs have an allowed spot within the gate, and among equals the closest.
     """
-    pairs = np.argwhere(allowed)
-    if (
-        len(pairs)
-        == len(predicted_px)
-        == len({int(led) for led, _ in pairs})
-        == len({int(spot) for _, spot in pairs})
-    ):
-        shifts = spots_px[pairs[:, 1]] - predicted_px  # argwhere goes by LED
-        if np.ptp(shifts, axis=0).max() <= gate_px:
-            return [int(spot) for _, spot in pairs]
+    pairs: list[list[int]] = np.argwhere(allowed).tolist()
+    if len(pairs) == len(predicted_px) == len({led for led, _ in pairs}) == len({spot for _, spot in pairs}):
+        shifts = (spots_px[[spot for _, spot in pairs]] - predicted_px).tolist()  # argwhere goes by LED
+        if all(max(along) - min(along) <= gate_px for along in zip(*shifts, strict=True)):
+            return [spot for _, spot in pairs]
     best: tuple[float, Chosen] = (-1.0, [-1] * len(predicted_px))
     for led, spot in pairs:
         shift = spots_px[spot] - predicted_px[led]
@@ -168,11 +164,13 @@ class ArrayTracker:
     def _expected(self, fitted: PlanarFit, expected: Array, unseen_frames: int) -> bool:
         """Whether the fitted pose is where the robot can be."""
         since = 1 + unseen_frames
-        slack = np.array([0.03 + 0.01 * since, 0.03 + 0.01 * since, 0.02 + 0.005 * since])
+        slack = (0.03 + 0.01 * since, 0.03 + 0.01 * since, 0.02 + 0.005 * since)
         step = fitted.pose.as_array() - expected[:3]
         step[2] = wrap_angle(float(step[2]))
-        spread = fitted.covariance + np.diag(slack**2)
-        return float(step @ np.linalg.solve(spread, step)) <= _INNOVATION_CHI2
+        spread = fitted.covariance.copy()
+        spread.flat[::4] += [metres**2 for metres in slack]
+        regular, solved = cv2.solve(spread, step[:, None], flags=cv2.DECOMP_CHOLESKY)
+        return regular and float(step @ solved[:, 0]) <= _INNOVATION_CHI2
 
 
 def _distances(predicted_px: Array, spots_px: Array) -> Array:

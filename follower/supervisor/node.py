@@ -6,6 +6,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
+from common.background import state_directory
 from common.channels import (
     ARM_STATE,
     COMMAND,
@@ -13,6 +14,7 @@ from common.channels import (
     DOCKING_STATE,
     DRIVES,
     FOLLOWER_SUMMARY,
+    FRAME,
     LEADER_STATE,
     LOCK_REQUEST,
     MANUAL_REQUEST,
@@ -21,8 +23,11 @@ from common.channels import (
 from common.messages import FollowerSummary, Mission
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
+from follower.supervisor.journal import Journal
 from follower.supervisor.manual import ManualMode, ManualSeen
 from follower.supervisor.observed import Observed
+from follower.supervisor.report import AttemptReport
+from follower.supervisor.run_watch import RunWatch
 from follower.supervisor.sequence import DockingSequence
 from follower.supervisor.taught import taught_images
 
@@ -34,7 +39,7 @@ class SupervisorNode(Node):
     """Shows the sequence what is fresh, publishes what it decides."""
 
     name = "follower-supervisor"
-    inputs = (DOCKING_STATE, DRIVES, ARM_STATE, LEADER_STATE, COMMAND)
+    inputs = (DOCKING_STATE, DRIVES, ARM_STATE, LEADER_STATE, COMMAND, FRAME)
     outputs = (MISSION, FOLLOWER_SUMMARY, LOCK_REQUEST)
     serves = (DOCK_REQUEST, MANUAL_REQUEST)
     trigger = Trigger(period_ns=NS_PER_S // 20)
@@ -50,6 +55,9 @@ class SupervisorNode(Node):
         self._manual = ManualMode(context.config, context.run_id)
         self._phase = self._sequence.phase
         self._steps = 0
+        self._report = AttemptReport(context.config)
+        self._journal = Journal(state_directory(context.config.state_directory, context.runtime))
+        self._runs = RunWatch()
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
         """One step of the sequence, or of the manual mode while that is on."""
@@ -63,8 +71,11 @@ class SupervisorNode(Node):
             controller_alive=inputs.fresh(COMMAND, now_ns) is not None,
             requests=by_hand.dock_requests,
             lock_answers=tuple(inputs.answers(LOCK_REQUEST)),
+            restarted=self._runs.restarted(inputs),
+            unfit=self._journal.unfit(now_ns),
         )
         decided = self._sequence.step(seen)
+        self._journal.keep(self._report.step(seen, decided.mission, self._sequence.attempt))
         mission = self._manual.mission(decided.mission)
         if mission.phase != self._phase:
             self._phase = mission.phase
@@ -78,6 +89,11 @@ class SupervisorNode(Node):
         if decided.lock_request is not None:
             outputs.append((LOCK_REQUEST, decided.lock_request))
         return outputs
+
+    def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002 - the contract's signature
+        """Write what still waits."""
+        self._journal.close()
+        return ()
 
     def _seen_by_hand(self, now_ns: int, inputs: Inbox) -> ManualSeen:
         return ManualSeen(

@@ -90,11 +90,11 @@ class Retract(PhaseLogic):
         limits = self.limits
         if self.elapsed_s(seen) > 3 * limits.retract_distance_m / limits.retract_speed_m_s:
             return failed("retract_timeout")
-        if seen.drives is not None:
-            odometer_m = self.attempt.odometer_m(seen.drives)
-            if self._begin_m is None:
-                self._begin_m = odometer_m
-            if self._begin_m - odometer_m >= limits.retract_distance_m:
-                self.attempt.armed = False
-                return Verdict("clear")
+        if seen.drives is None:
+            return Orders(waiting="drives")
+        odometer_m = self.attempt.odometer_m(seen.drives)
+        if self._begin_m is None:
+            self._begin_m = odometer_m
+        if self._begin_m - odometer_m >= limits.retract_distance_m:
+            return Verdict("clear")
         return straight(-limits.retract_speed_m_s)

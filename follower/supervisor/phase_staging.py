@@ -56,6 +56,7 @@ class Staging(PhaseLogic):
         attempt = self.attempt
         gripped = seen.arms is not None and seen.arms.gripped
         if gripped and not attempt.retreating:
+            attempt.grip = "closed"  # it may have been left open by the docking before
             return Verdict("gripped")
         lacking = attempt.unwell(seen) or attempt.leader_unready(seen)
         if attempt.retreating:

@@ -26,8 +26,12 @@ from follower.supervisor.reckoning import PoseReckoning
 from follower.supervisor.transitions import ENDED, FREE, IN_CONTACT, Event, next_phase
 
 _SILENT_NS = NS_PER_S // 4
-# what passes by itself: somebody was late
-REARMING_CAUSES: Final = frozenset({"command_age", "valid_until", "token_age", "status_age", "arm_setpoint_age"})
+# what passes by itself: somebody was late, or the machine stood still
+REARMING_CAUSES: Final = frozenset(
+    {"command_age", "valid_until", "token_age", "status_age", "arm_setpoint_age", "bridge_stalled"}
+)
+# a longer step was a stall of this process: it says nothing of the others
+_LONGEST_STEP_NS = NS_PER_S // 10
 _LOGIC: Final[dict[Phase, type[PhaseLogic]]] = {
     "staging": Staging,
     "acquire": Acquire,
@@ -59,7 +63,8 @@ class DockingSequence:
         self._logic: PhaseLogic | None = None
         self._cause = ""
         self._resets = 0
-        self._drives_seen_ns = 0
+        self._before_ns: int | None = None
+        self._drives_silent_ns = 0
         self._reckoning = PoseReckoning(config.base)
         self._attempt = Attempt(config, 1, run_id, None, self._reckoning)
 
@@ -85,9 +90,13 @@ class DockingSequence:
 
     def _look(self, seen: Observed) -> None:
         """Follow the Leader by odometry, and by sight while that is where it must be."""
+        elapsed_ns = 0 if self._before_ns is None else seen.now_ns - self._before_ns
+        self._before_ns = seen.now_ns
         if seen.drives is not None:
-            self._drives_seen_ns = seen.now_ns
+            self._drives_silent_ns = 0
             self._reckoning.drive(seen.drives)
+        else:
+            self._drives_silent_ns += min(elapsed_ns, _LONGEST_STEP_NS)
         state = seen.state
         if state is not None and state.valid and (not self._attempt.armed or self._reckoning.agrees(state)):
             self._reckoning.seen(state)
@@ -147,8 +156,8 @@ class DockingSequence:
         if seen.restarted:
             return Verdict("failed", f"restarted: {seen.restarted}")
         if drives is None:
-            silent_ns = seen.now_ns - self._drives_seen_ns
-            return Verdict("failed", "drives_silent") if attempt.armed and silent_ns > _SILENT_NS else None
+            silent = attempt.armed and self._drives_silent_ns > _SILENT_NS
+            return Verdict("failed", "drives_silent") if silent else None
         attempt.enabled = attempt.enabled or attempt.obeyed(drives)
         if not drives.stop_inputs_clear:
             return Verdict("failed", "stop_input")

@@ -19,7 +19,7 @@ from common.channels import DOCK_REQUEST, LOCK_REQUEST, Channel
 from common.config import ConfigError
 from common.executor import EXIT_CONFIG, earlier_processes
 from common.messages import Answer, Header, LockRequest, MessageError, decode, encode
-from common.processes import PROCESSES
+from common.processes import ONE_MACHINE
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock
 from sim.collector import Collector
 from station.children import (
@@ -53,7 +53,7 @@ def run_processes(run: Run) -> Collection:
                 run.out / LOGS,
                 server.fileno(),
             )
-            with Bus(STATION, runtime, earlier_processes(STATION)) as bus:
+            with Bus(STATION, runtime, earlier_processes(STATION), run.config.network.namespace) as bus:
                 return _Session(run, runtime, bus, children, interrupted).collect()
         finally:
             stop_children(children)
@@ -92,7 +92,7 @@ class _Session:
 
     def _await_ready(self) -> str:
         deadline_ns = self._clock.now_ns() + round(READY_TIMEOUT_S * NS_PER_S)
-        wanted = {process.name for process in PROCESSES}
+        wanted = {process.name for process in ONE_MACHINE}
         while True:
             missing = wanted - self._bus.alive()
             if not missing:

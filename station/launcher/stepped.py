@@ -8,7 +8,7 @@ from common.channels import DOCK_REQUEST, LOCK_REQUEST
 from common.config import load_config
 from common.messages import DockRequest
 from common.node import Inbox, Node, NodeContext, Output, Trigger
-from common.processes import PROCESSES
+from common.processes import ONE_MACHINE
 from common.timing import NS_PER_S, SteppedClock
 from sim.collector import Collector
 from sim.stepped import SteppedExecutor
@@ -55,7 +55,7 @@ def run_stepped(run: Run) -> Collection:
         recorder = Recorder(config, runtime, collector)
         nodes = [
             entry.factory()(NodeContext(config, run.config_path, runtime, number, clock))
-            for number, entry in enumerate(PROCESSES, start=1)
+            for number, entry in enumerate(ONE_MACHINE, start=1)
         ]
         nodes.append(_StationNode(recorder, collector))
         end_ns = clock.now_ns() + round(run.trolleys * RUN_TIMEOUT_S * NS_PER_S)

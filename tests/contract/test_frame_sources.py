@@ -127,6 +127,22 @@ def test_unplugged_it_says_so_and_opens_again_when_it_is_back(rig: Rig) -> None:
     assert grab(rig.source, NOW_NS + 2 * NS_PER_S)[1] is not None
 
 
+def test_another_exposure_is_told_with_each_image_until_opened_anew(rig: Rig) -> None:
+    rig.source.expose(4.0 * EXPOSURE_US)
+    rig.source.open()
+    rig.source.expose(4.0 * EXPOSURE_US)
+    capture = grab(rig.source)[1]
+    assert capture is not None
+    recorded = isinstance(rig.source, ReplaySource)
+    assert capture.exposure_us == (EXPOSURE_US if recorded else 4.0 * EXPOSURE_US)
+    rig.source.close()
+    rig.replug()
+    rig.source.open()
+    capture = grab(rig.source, NOW_NS + NS_PER_S)[1]
+    assert capture is not None
+    assert capture.exposure_us == EXPOSURE_US
+
+
 def test_closing_is_harmless_at_any_time(rig: Rig) -> None:
     rig.source.close()
     rig.source.open()
@@ -188,6 +204,21 @@ def test_mindvision_faults_are_one_clear_line(
     with pytest.raises(DeviceError, match=message):
         MindVisionSource(context(config, tmp_path, "mindvision", device)).open()
     assert (sdk.open_handles, sdk.buffers) == (0, {})
+
+
+def test_an_exposure_that_the_camera_refuses_is_logged_and_not_told(
+    config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    sdk = FakeSdk(picture())
+    monkeypatch.setitem(sys.modules, "mvsdk", sdk.module())
+    source = MindVisionSource(context(config, tmp_path, "mindvision"))
+    source.open()
+    sdk.refused = "SetExposureTime"
+    source.expose(4.0 * EXPOSURE_US)
+    assert "exposure of 3200 µs refused" in caplog.text
+    capture = grab(source)[1]
+    assert capture is not None
+    assert capture.exposure_us == EXPOSURE_US
 
 
 def test_mindvision_sets_the_resolution_in_the_middle_of_the_sensor(

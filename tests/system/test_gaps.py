@@ -11,7 +11,7 @@ from common.channels import DOCK_REQUEST, DRIVES, MISSION
 from common.config import load_config
 from common.messages import DockRequest, Drives, Mission
 from common.node import Inbox, Node, NodeContext, Output, Trigger
-from common.processes import PROCESSES
+from common.processes import ONE_MACHINE
 from common.timing import NS_PER_MS, NS_PER_S, SteppedClock
 from sim.stepped import SteppedExecutor
 
@@ -67,7 +67,7 @@ def approach(config_path: Path, runtime: Path, silent: str, gap_ms: float) -> tu
     clock, watcher = SteppedClock(), Watcher()
     begin_ns = 2 * NS_PER_S + APPROACH_NS
     nodes: list[Node] = []
-    for number, entry in enumerate(PROCESSES, start=1):
+    for number, entry in enumerate(ONE_MACHINE, start=1):
         node = entry.factory()(NodeContext(config, config_path, runtime, number, clock))
         if node.name == silent:
             node = Silenced(node, begin_ns, begin_ns + round(gap_ms * NS_PER_MS))

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from common.config import Config
-from common.processes import PROCESSES
+from common.processes import ONE_MACHINE
 from tests.system.conftest import CanTap, repeated_after_host_stall, until
 
-FOLLOWER = [process.name for process in PROCESSES if process.robot == "follower"]
+FOLLOWER = [process.name for process in ONE_MACHINE if process.robot == "follower"]
 START = ("--start", "3,0.15,3")
 
 
@@ -40,7 +40,7 @@ def test_a_docking_with_every_process(sim_run: Any) -> None:
     run = sim_run(*START, "--seed", "3")
     run.wait_for("approach")
     children, runtime = run.children(), run.runtime()
-    assert set(children) == {process.name for process in PROCESSES}
+    assert set(children) == {process.name for process in ONE_MACHINE}
     assert runtime.stat().st_mode & 0o777 == 0o700
     assert run.finish() == 0, "".join(run.lines)
     results = run.results()
@@ -72,6 +72,19 @@ def test_a_stepped_queue_of_two_is_docked_and_counted(sim_run: Any) -> None:
     assert "staging" in results["trolleys"][1]["phases_s"]
     for picture in ("collection.png", "trajectory-1.png", "trajectory-2.png", "camera_frame-2.png"):
         assert (run.out / picture).stat().st_size > 10_000
+
+
+def test_the_papers_estimator_docks_too(sim_run: Any) -> None:
+    run = sim_run("--stepped", "--start", "2.4,0.08,2", "--set", "estimator.method='paper'")
+    assert run.finish() == 0, "".join(run.lines)
+    assert is_docked(run.results()), run.results()
+
+
+def test_an_exposure_too_short_is_mended_by_the_retry(sim_run: Any) -> None:
+    run = sim_run("--stepped", "--start", "4.5,0.1,2", "--set", "camera.exposure_us=15.0")
+    assert run.finish() == 0, "".join(run.lines)
+    assert is_docked(run.results()), run.results()
+    assert any("exposure 60 µs after 15 µs" in line for line in run.lines)
 
 
 @pytest.mark.alone

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import socket
 import subprocess
@@ -13,7 +14,13 @@ import cv2
 import numpy as np
 import pytest
 
+from common.config import Config
+from common.geometry import Pose2, features_at
+from follower.supervisor.taught import load
+from station.mount_file import load_views
 from tests.system.conftest import until
+
+STANDS = Pose2(-2.2, 0.05, math.radians(2.0))  # Follower in {L}
 
 
 def davpc(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -23,12 +30,13 @@ def davpc(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.alone
-def test_camera_tools_on_a_running_robot(tmp_path: Path) -> None:
+def test_camera_tools_on_a_running_robot(tmp_path: Path, config: Config) -> None:
     """World, camera and estimator are enough; nothing is armed, the robot stands."""
     runtime = Path(tempfile.mkdtemp(prefix="davpc-test-"))
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     settings = [f"{robot}_can.bus.port={port}" for robot in ("follower", "leader")]
+    settings.append(f"world.start={[-STANDS.x_m, STANDS.y_m, math.degrees(STANDS.theta_rad)]}")
     words = [word for setting in settings for word in ("--set", setting)]
     processes = [
         subprocess.Popen([sys.executable, "-m", "station.cli", "run", name, "--runtime", str(runtime), *words])
@@ -45,12 +53,38 @@ def test_camera_tools_on_a_running_robot(tmp_path: Path) -> None:
         focus = davpc("camera", "focus", "--runtime", str(runtime), "--frames", "5")
         assert focus.returncode == 0, focus.stderr
         assert "4 spots" in focus.stdout
+        _teach(runtime, tmp_path / "taught-1.json", config)
+        _view(runtime, tmp_path / "views.json", config)
     finally:
         for process in processes:
             process.terminate()
         for process in processes:
             process.wait(timeout=30)
         shutil.rmtree(runtime)
+
+
+def _teach(runtime: Path, path: Path, config: Config) -> None:
+    done = davpc("teach", "1", "--frames", "30", "--runtime", str(runtime), "--out", str(path))
+    assert done.returncode == 0, done.stderr
+    taught = load(path, config.camera)
+    truth = STANDS.inverse()
+    assert (taught.trolley, taught.frames) == (1, 30)
+    assert taught.pose.as_array() == pytest.approx(truth.as_array(), abs=0.02)
+    assert taught.features == pytest.approx(features_at(config.leds.points, truth, config.camera.mount), abs=1e-3)
+    assert taught.offset_px > 5.0, "it stands before the goal, and that is told"
+
+
+def _view(runtime: Path, path: Path, config: Config) -> None:
+    truth = STANDS.inverse()
+    measured = f"{truth.x_m},{truth.y_m},{math.degrees(truth.theta_rad)}"
+    for count in (1, 2):
+        done = davpc("calibrate", "view", measured, "--frames", "30", "--runtime", str(runtime), "--out", str(path))
+        assert done.returncode == 0, done.stderr
+        assert f"{count} views" in done.stdout
+    for view in load_views(path, len(config.leds.points)):
+        assert view.relative.as_array() == pytest.approx(truth.as_array())
+        expected = features_at(config.leds.points, truth, config.camera.mount)
+        assert view.features == pytest.approx(expected, abs=1e-3)
 
 
 def test_without_a_robot_they_say_so() -> None:
@@ -67,6 +101,10 @@ def test_without_a_robot_they_say_so() -> None:
         (("run", "follower-nose"), 2, "no process 'follower-nose'"),
         (("run", "leader", "--runtime", "/nowhere"), 2, "/nowhere"),
         (("experiment", "table1", "--methods", "magic"), 2, "no method 'magic'"),
+        (("dock", "status", "--runtime", "/nowhere"), 1, "no robot runs here"),
+        (("dock", "start", "--trolley", "2", "--runtime", "/nowhere"), 1, "no robot runs here"),
+        (("led", "set", "much", "--runtime", "/nowhere"), 1, "write amperes"),
+        (("lock", "open", "--yes", "--runtime", "/nowhere"), 1, "no robot runs here"),
     ):
         ended = davpc(*arguments)
         assert ended.returncode == code, ended
@@ -85,5 +123,17 @@ def test_a_board_in_view_is_calibrated_from_a_folder(tmp_path: Path) -> None:
 
 def test_help_shows_every_command_with_an_example() -> None:
     text = davpc("--help").stdout
-    for command in ("sim", "run", "processes", "camera", "calibrate", "teach", "experiment", "bench"):
+    for command in (
+        "sim",
+        "run",
+        "processes",
+        "dock",
+        "led",
+        "lock",
+        "camera",
+        "calibrate",
+        "teach",
+        "experiment",
+        "bench",
+    ):
         assert f"davpc {command}" in " ".join(text.replace("│", "").split())

@@ -76,6 +76,35 @@ def test_a_restarted_bridge_refuses_the_epoch_that_it_finds_armed(config: Config
     assert "enable" not in fresh.power
 
 
+def test_after_a_stall_of_the_bridge_a_new_epoch_waits_until_the_latch_is_released(rig: Rig) -> None:
+    rig.measured = replace(rig.measured, stalled="bridge: stood still for 99 ms", wheels_enabled=False)
+    rolling = replace(rig.measured, wheel_speed_rad_s=(2.0, 2.0))
+    rig.measured = rolling
+    assert rig.run(10) == "stopped"
+    assert rig.bridge.cause == "bridge_stalled"
+    rig.mission = replace(rig.mission, epoch=rig.mission.epoch + 1)
+    rig.power.clear()
+    assert rig.run(20) == "enabling"
+    assert set(rig.power) == {"stop_arms"}
+    rig.measured = replace(rig.measured, wheel_speed_rad_s=(0.0, 0.0))
+    assert rig.run(52) == "enabling"
+    assert rig.power[-1] == "disable"
+    assert "enable" not in rig.power
+    rig.measured = replace(rig.measured, stalled="")
+    assert rig.run(2) == "enabling"
+    assert rig.power[-1] == "enable"
+    rig.measured = replace(rig.measured, wheels_enabled=True)
+    assert rig.run(2) == "armed"
+
+
+def test_a_stall_stops_the_epoch_in_which_it_came_for_good(rig: Rig) -> None:
+    rig.measured = replace(rig.measured, stalled="bridge: stood still for 99 ms")
+    assert rig.run(3) == "stopped"
+    rig.measured = replace(rig.measured, stalled="")
+    assert rig.run(60) == "stopped"
+    assert rig.bridge.cause == "bridge_stalled"
+
+
 def test_faults_are_acknowledged_once_on_request_and_only_disarmed(rig: Rig) -> None:
     rig.mission = replace(rig.mission, resets=1)
     rig.run(3)

@@ -38,23 +38,25 @@ def test_leds_are_as_bright_as_leds(config: Config, optics: Optics, distance_m: 
     ratio = brightness.measured(seen, THRESHOLD) / np.median(brightness.expected(state(distance_m)))
     assert len(seen) == 4
     assert 0.5 < np.median(ratio) < 2.0
-    assert brightness.fits(state(distance_m), seen, THRESHOLD)
-    assert brightness.fits(state(distance_m), masses(config, optics, distance_m, 4.0), THRESHOLD)
+    assert brightness.judge(state(distance_m), seen, THRESHOLD) == "like"
+    assert brightness.judge(state(distance_m), masses(config, optics, distance_m, 4.0), THRESHOLD) == "like"
 
 
 def test_dim_points_near_by_and_glaring_ones_far_off_are_no_leds(config: Config, optics: Optics) -> None:
     brightness = LedBrightness(config.leds, config.camera)
-    assert not brightness.fits(state(1.5), masses(config, optics, 9.5), THRESHOLD)
-    assert not brightness.fits(state(9.5), masses(config, optics, 1.5), THRESHOLD)
+    dim = masses(config, optics, 9.5)
+    assert brightness.judge(state(1.5), dim, THRESHOLD) == "dim"
+    assert brightness.judge(state(1.5), dim, THRESHOLD, light=0.05) == "like", "under a shorter exposure"
+    assert brightness.judge(state(9.5), masses(config, optics, 1.5), THRESHOLD) == "unlike"
 
 
 def test_one_of_another_brightness_is_no_led_and_an_unseen_one_is_no_matter(config: Config, optics: Optics) -> None:
     brightness = LedBrightness(config.leds, config.camera)
     seen = masses(config, optics, 1.5)
     seen[1] = masses(config, optics, 9.5)[1]
-    assert not brightness.fits(state(1.5), seen, THRESHOLD)
+    assert brightness.judge(state(1.5), seen, THRESHOLD) != "like"
     seen[1] = np.nan
-    assert brightness.fits(state(1.5), seen, THRESHOLD)
+    assert brightness.judge(state(1.5), seen, THRESHOLD) == "like"
 
 
 @given(a=st.floats(200.0, 1e5), b=st.floats(200.0, 1e5))

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from common.channels import FRAME, Channel
+from common.channels import DOCKING_STATE, FRAME, Channel
 from common.config import CameraConfig, Config
 from common.frame_ring import FrameReader, Image
 from common.frame_source import Capture
-from common.messages import Frame
+from common.messages import DockingState, Frame, Header, StateCause, encode
 from common.node import DeviceError, Inbox, NodeContext, Trigger
 from common.timing import NS_PER_S, SteppedClock
 from follower.camera.node import CameraNode
+from follower.estimator.state import StateEstimator
 
 SECOND = NS_PER_S
+FRAME_NS = 16_666_667
 
 
 @dataclass
@@ -34,6 +36,7 @@ class FakeSource:
     opened: int = 0
     closed: int = 0
     shade: int = 0
+    exposures_us: list[float] = field(default_factory=list)
 
     def open(self) -> None:
         if not self.plugged:
@@ -49,6 +52,9 @@ class FakeSource:
         image[:] = self.shade
         return Capture(now_ns - 1000, 600.0, self.gain, "X")
 
+    def expose(self, exposure_us: float) -> None:
+        self.exposures_us.append(exposure_us)
+
     def close(self) -> None:
         self.closed += 1
 
@@ -58,9 +64,16 @@ class Rig:
     source: FakeSource
     node: CameraNode
     runtime: Path
+    state: DockingState
 
-    def step(self, now_ns: int) -> Frame | None:
-        outputs = self.node.step(now_ns, Inbox("boot"))
+    def step(self, now_ns: int, cause: StateCause | None = None) -> Frame | None:
+        inbox = Inbox("boot")
+        if cause is not None:
+            state = replace(self.state, cause=cause)
+            header = Header("follower-estimator", 1, 1, now_ns, "boot")
+            inbox.put_state(DOCKING_STATE, encode(state, header), now_ns)
+            inbox.begin_step()
+        outputs = self.node.step(now_ns, inbox)
         if not outputs:
             return None
         ((channel, frame),) = outputs
@@ -76,7 +89,7 @@ def rig(config: Config, tmp_path: Path) -> Rig:
     source = FakeSource()
     node = CameraNode(NodeContext(robots, tmp_path / "robots.toml", tmp_path, 1, SteppedClock(0)), source)
     node.start(0)
-    return Rig(source, node, tmp_path)
+    return Rig(source, node, tmp_path, StateEstimator(config).no_frame(0))
 
 
 def test_frames_are_numbered_and_their_pixels_lie_in_the_ring(rig: Rig) -> None:
@@ -134,3 +147,17 @@ def test_a_camera_that_is_missing_at_the_start_says_so(config: Config, tmp_path:
     context = NodeContext(config, tmp_path / "robots.toml", tmp_path, 1, SteppedClock(0))
     with pytest.raises(DeviceError, match="camera X: not there"):
         CameraNode(context, FakeSource(plugged=False)).start(0)
+
+
+def test_another_exposure_is_asked_of_the_camera_and_forgotten_with_it(rig: Rig, config: Config) -> None:
+    wanted_us = 4.0 * config.camera.exposure_us
+    for step in range(10):
+        rig.step(SECOND + step * FRAME_NS, "underexposed")
+    assert rig.source.exposures_us == [wanted_us]
+    rig.source.plugged = False
+    rig.step(2 * SECOND)
+    rig.source.plugged = True
+    rig.step(3 * SECOND)
+    for step in range(10):
+        rig.step(4 * SECOND + step * FRAME_NS, "underexposed")
+    assert rig.source.exposures_us == [wanted_us, wanted_us], "opened anew with the configured one"

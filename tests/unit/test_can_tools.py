@@ -6,6 +6,7 @@ import pytest
 
 from common.node import DeviceError
 from sim.can_faults import EncoderFault
+from sim.drive_402 import Drive402
 from station.can_tools import Monitor, follower_names, scan
 from station.enable_test import Check, EnableTest
 from tests.unit.canbus_rig import CONFIG_PATH, Rig, Tap, follower_rig, rim_speed
@@ -76,8 +77,28 @@ def _lift_follows(rig: Rig) -> None:
     lift.__dict__["moved"] = follow
 
 
-def _run(rig: Rig) -> list[Check]:
+def _arms_follow(rig: Rig, stuck: int, weak: int) -> None:
+    """Joints and fingers speed up by their torque; fingers close by a positive one."""
+    for n, drive in enumerate((*rig.robot.joints, *rig.robot.grippers)):
+        _turn(drive, 0.0 if n == stuck else 5.0 if n < 6 else -5.0, 0.5 if n == weak else 1.0)
+
+
+def _turn(drive: Drive402, speed_per_n_m: float, gives: float) -> None:
+    moved = drive.moved
+    place = [0.5]
+
+    def follow(elapsed_s: float) -> None:
+        moved(elapsed_s)
+        torque = gives * drive.torque_setpoint_n_m if drive.effort == "torque" else 0.0
+        place[0] += speed_per_n_m * torque * elapsed_s
+        drive.set_measured(place[0], 0.0, torque)
+
+    drive.__dict__["moved"] = follow
+
+
+def _run(rig: Rig, stuck: int = -1, weak: int = -1) -> list[Check]:
     _lift_follows(rig)
+    _arms_follow(rig, stuck, weak)
     return list(EnableTest(rig.config, CONFIG_PATH, StepPace(rig)).run())
 
 
@@ -85,7 +106,7 @@ def test_enable_test_passes_on_a_healthy_robot() -> None:
     with follower_rig() as rig:
         checks = _run(rig)
         assert [check for check in checks if not check.passed] == []
-        assert len(checks) == 1 + 4 + 1 + 16 + 2 + 1
+        assert len(checks) == 1 + 4 + 1 + 8 * 3 + 2 + 1
         assert "told 1.0, went 0.600 m/s" in checks[5].seen
         assert checks[-1].name == "watchdog"
         assert not rig.robot.left_wheel.enabled
@@ -97,6 +118,26 @@ def test_enable_test_ends_at_a_wheel_that_turns_the_wrong_way() -> None:
         checks = _run(rig)
         assert (checks[-1].name, checks[-1].passed) == ("right wheel forward", False)
         assert "right -0.100 m/s" in checks[-1].seen
+
+
+def test_enable_test_ends_at_a_joint_that_turns_the_wrong_way() -> None:
+    with follower_rig() as rig:
+        rig.robot.joints[4].encoder = EncoderFault(inverted=True)
+        checks = _run(rig)
+        assert (checks[-1].name, checks[-1].passed) == ("right joint 2 +", False)
+
+
+def test_enable_test_ends_at_a_joint_that_does_not_move() -> None:
+    with follower_rig() as rig:
+        checks = _run(rig, stuck=1)
+        assert (checks[-1].name, checks[-1].passed) == ("left joint 2 moves", False)
+        assert "neither way" in checks[-1].seen
+
+
+def test_enable_test_ends_at_a_joint_that_does_not_give_its_torque() -> None:
+    with follower_rig() as rig:
+        checks = _run(rig, weak=0)
+        assert (checks[-1].name, checks[-1].passed) == ("left joint 1 +", False)
 
 
 def test_enable_test_names_what_is_missing() -> None:

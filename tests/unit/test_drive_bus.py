@@ -92,13 +92,24 @@ def test_drives_stop_by_themselves_when_the_bridge_is_silent() -> None:
         assert {joint.effort for joint in rig.robot.joints} == {"position"}
         rig.pass_time(700)
         measured = rig.cycles(20, setpoint)
-        assert any("stood still" in fault for fault in measured.faults)
+        assert measured.faults == ()
+        assert "bridge: stood still for 7" in measured.stalled
         assert rig.robot.left_wheel.state.value == 0x40
         assert rig.robot.left_wheel.velocity_setpoint_rad_s == 0.0
         rig.drives.disable()
-        assert rig.cycles(2).faults == ()
+        assert rig.cycles(2).stalled == ""
         rig.drives.enable()
         assert rig.cycles(8).wheels_enabled
+
+
+def test_a_fault_of_a_drive_is_told_during_a_stall_of_the_bridge() -> None:
+    with follower_rig() as rig:
+        rig.enable()
+        rig.robot.joints[0].trip(0x2310)
+        rig.pass_time(200)
+        measured = rig.cycles(3)
+        assert measured.stalled
+        assert measured.faults == ("left joint 1: continuous over-current (EMCY 2310h)",)
 
 
 def test_silent_module_means_stop() -> None:

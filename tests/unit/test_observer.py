@@ -191,3 +191,14 @@ def test_a_separate_heading_is_used() -> None:
     observer.update(np.full((4, 2), np.nan), SIGMA, heading=(0.05, 0.05))
     assert observer.covariance[2, 2] < 0.3 * before
     assert 0.0 < observer.pose.theta_rad < 0.05
+
+
+def test_with_a_separate_heading_the_features_correct_the_place_alone() -> None:
+    observer, truth = make(), Pose2(2.0, 0.1, 0.05)
+    observer.reset(Pose2(2.05, 0.05, 0.0), np.diag([1e-2, 1e-2, 1e-2]), 0)
+    for k in range(1, 60):
+        observer.predict(k * FRAME_NS, 0.0, 0.0)
+        observer.update(features(truth), SIGMA, heading=(0.02, 0.05))
+    assert observer.pose.theta_rad == pytest.approx(0.02, abs=2e-3)
+    assert observer.pose.x_m == pytest.approx(truth.x_m, abs=0.03)
+    assert observer.pose.y_m == pytest.approx(truth.y_m, abs=0.03)

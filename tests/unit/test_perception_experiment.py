@@ -15,11 +15,11 @@ from common.geometry import Pose2, features_at
 from experiments import bench_perception, perception
 from experiments.approach import approach, wrong_leds
 from experiments.identification import CASES, Case, identification_rates
-from experiments.perception import scene_metrics
 from experiments.pose_bound import pose_bound, theta_errors
+from experiments.scene_counts import BANDS_M, band_metrics, scene_metrics
 from follower.estimator.state import StateEstimator
 from sim.optics import Optics, View
-from sim.scenes import Scene, SecondArray
+from sim.scenes import Scene, SecondArray, Walker
 
 
 @pytest.mark.parametrize("distance_m", [1.5, 3.0, 6.0, 9.0])
@@ -53,11 +53,17 @@ def test_experiment_writes_rows_table_and_picture(config: Config, tmp_path: Path
     scene = results["rows"][0]
     assert (scene["method"], scene["case"]) == ("davpc", "clean")
     assert scene["metrics"]["losses"] == scene["metrics"]["wrong_led_frames"] == 0
-    bands = [row for row in results["rows"] if row["method"] == "pose"]
+    bands = [row for row in results["rows"] if row["method"] == "band"]
     assert len(bands) == 4
     for metrics in (row["metrics"] for row in bands):
         assert 0.5 < metrics["fit_theta_rms_deg"] / metrics["theta_bound_deg"] < 2.0, "at the frames' own noise"
         assert metrics["theta_rms_deg"] < metrics["fit_theta_rms_deg"], "the observer filters"
+        assert metrics["losses"] == metrics["wrong_led_frames"] == metrics["false_locks"] == 0
+    assert [row["metrics"]["locks"] for row in bands] == [1, 0, 0, 0]
+    dark = [row["metrics"] for row in results["rows"] if row["method"] == "no_led"]
+    assert len(dark) == 2
+    assert all(metrics["frames"] >= 300 and metrics["false_lock_percent"] <= 0.1 for metrics in dark)
+    assert all(metrics["confirmed"] == 0 for metrics in dark)
     assert "| clean |" in (tmp_path / "perception.md").read_text()
     assert (tmp_path / "scene_clean.png").stat().st_size > 1000
 
@@ -94,3 +100,16 @@ def test_bench_writes_every_method(config: Config, tmp_path: Path) -> None:
     assert all(math.isfinite(row["metrics"]["median_ms"]) for row in results["rows"])
     assert all(row["metrics"]["p99_ms"] is None for row in results["rows"]), "two samples have no 99th percentile"
     assert "| tracked | 4 |" in (tmp_path / "bench.md").read_text()
+
+
+def test_a_loss_is_counted_where_it_happened(config: Config) -> None:
+    optics = Optics(config.camera, config.leds, seed=1)
+    scene = Scene(walkers=(Walker((-1.0, -1.6), (0.0, 1.4), 0.8),))
+    seen = list(islice(approach(config, optics, StateEstimator(config), scene, 1), 300))
+    counts = [band_metrics(config, [seen], far, near) for far, near in BANDS_M]
+    assert sum(row["losses"] or 0 for row in counts) == scene_metrics([seen])["losses"]
+    assert counts[0]["locks"] == 1
+    assert counts[0]["losses"]
+    assert counts[0]["relock_max_s"] is not None
+    assert counts[3]["frames"] == 0
+    assert counts[3]["theta_rms_deg"] is None

@@ -11,7 +11,7 @@ import pytest
 from common.config import Config
 from common.geometry import Pose2
 from experiments.approach import Look, approach
-from experiments.perception import scene_metrics
+from experiments.scene_counts import scene_metrics
 from follower.estimator.state import StateEstimator
 from sim.optics import Optics, View
 from sim.scenes import CLEAN, SCENES, Lamp, LedFault, Scene, SecondArray, Walker, Wall, named_scene

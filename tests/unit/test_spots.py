@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from common.frame_ring import Image
-from follower.estimator.spots import SpotRule, brightest, find_spots, find_spots_near
+from follower.estimator import spots as module
+from follower.estimator.spots import MOST_MEASURED, NoisyImageError, SpotRule, brightest, find_spots, find_spots_near
 
 RULE = SpotRule(threshold=40, min_area_px=2, max_area_px=6000)
 
@@ -68,3 +72,42 @@ def test_brightest_keeps_the_heaviest_in_order() -> None:
     spots = find_spots(image, RULE)
     kept = brightest(spots, 2)
     assert sorted(round(u) for u in kept.pixels[:, 0]) == [20, 99]
+
+
+def specks(image: Image, corners: NDArray[np.int_], side: int) -> Image:
+    for u, v in corners:
+        image[v : v + side, u : u + side] = 200
+    return image
+
+
+@pytest.mark.parametrize("share", [0.005, 0.01, 0.05, 0.3])
+def test_a_noisy_image_is_refused_before_its_specks_are_looked_for(
+    share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def measured(*_: object) -> None:
+        raise AssertionError("a speck of noise was measured")
+
+    monkeypatch.setattr(module, "_measure", measured)
+    salt = np.where(np.random.default_rng(0).random((1024, 1280)) < share, 255, 0).astype(np.uint8)
+    with pytest.raises(NoisyImageError):
+        find_spots(salt, RULE)
+
+
+def test_of_many_specks_the_largest_are_measured() -> None:
+    grid = np.stack(np.meshgrid(np.arange(10, 1270, 40), np.arange(10, 410, 40)), axis=-1).reshape(-1, 2)
+    image = specks(np.zeros((1024, 1280), np.uint8), grid, 3)
+    specks(image, grid[:4] + np.array([0, 500]), 9)
+    found = find_spots(image, RULE)
+    assert len(found) == MOST_MEASURED
+    assert np.count_nonzero(found.size_px[:, 0] == 9) == 4
+
+
+def test_long_noise_is_parted_only_so_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    draws = np.random.default_rng(1)
+    image = np.zeros((1024, 1280), np.uint8)
+    for u, v in np.stack(np.meshgrid(np.arange(10, 1200, 60), np.arange(10, 250, 60)), axis=-1).reshape(-1, 2):
+        image[v : v + 3, u : u + 30] = draws.integers(80, 250, (3, 30))
+    split = Mock(side_effect=module._split)
+    monkeypatch.setattr(module, "_split", split)
+    assert len(find_spots(image, RULE)) >= 80
+    assert 0 < split.call_count <= 20

@@ -136,3 +136,21 @@ def test_the_pose_is_carried_on_briefly_and_the_frames_own_cause_is_told(
     bad = [estimator.step(frame(config, n), spoil(image), (0.0, 0.0), None) for n in range(11, 19)]  # type: ignore[operator]
     assert {state.cause for state in bad} == {cause}
     assert [state.valid for state in bad] == [True] * 5 + [False] * 3
+
+
+@pytest.mark.parametrize("method", ["paper", "davpc"])
+def test_the_paper_takes_the_heading_from_the_homography(config: Config, method: str) -> None:
+    tuned = config.model_copy(update={"estimator": config.estimator.model_copy(update={"method": method})})
+    estimator, optics = StateEstimator(tuned), Optics(config.camera, config.leds, 1)
+    desired = features_at(config.leds.points, config.docking.goal(1), config.camera.mount)
+    image: Image = np.zeros((config.camera.height_px, config.camera.width_px), np.uint8)
+    for sequence in range(1, 20):
+        optics.render(image, View(sequence, HERE, (1.0,) * 4, pitch_rad=0.01))
+        seen = estimator.step(frame(config, sequence), image, (0.0, 0.0), desired)
+        if seen.valid:
+            break
+    assert seen.theta_homography_rad is not None
+    assert seen.fit is not None
+    route, other = seen.theta_homography_rad, seen.fit[2]
+    assert abs(route - other) > 1e-4
+    assert seen.theta_rad == pytest.approx(route if method == "paper" else other, abs=1e-9)

@@ -335,6 +335,19 @@ def test_a_late_command_stops_and_the_approach_goes_on_under_a_new_epoch(bench: 
     assert bench.mission.cause == "gate_stop: command_age"
 
 
+def test_after_a_stall_of_the_machine_the_approach_goes_on(bench: Bench) -> None:
+    """Everybody stood still: the supervisor looks before the bridge speaks again, and that has stopped by name."""
+    bench.to_approach()
+    drives = bench.seen.drives
+    assert drives is not None
+    bench.seen = replace(bench.seen, now_ns=bench.seen.now_ns + 2 * NS_PER_S)
+    bench.step(drives=None)
+    bench.step(drives=replace(drives, state="stopped", cause="bridge_stalled"))
+    assert bench.sequence.phase == "acquire"
+    bench.seen = replace(bench.seen, drives=replace(drives, state="disarmed"))
+    assert bench.run(1.0) == "approach"
+
+
 def test_in_contact_a_late_command_ends_the_docking(bench: Bench) -> None:
     bench.to_push()
     assert bench.seen.drives is not None

@@ -24,6 +24,7 @@ def stuck_after_ms(told: float, measured: float, limit_ms: int = 1000) -> float:
     [
         (0.1, 0.0, 301),
         (0.1, 0.024, 301),
+        (0.1, 0.0249, 301),
         (0.1, 0.025, float("inf")),
         (0.1, -0.1, 301),
         (0.02, 0.0, 301),

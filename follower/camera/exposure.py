@@ -1,0 +1,47 @@
+"""One retry with another exposure where the estimator finds the images badly exposed; back again if it does not help.
+
+The wheels stand meanwhile: an image without the array is invalid, whatever the exposure. The other exposure stays for
+as long as the array is seen with it; after one that did not help, the next is not before the array was seen again.
+"""
+
+from __future__ import annotations
+
+from common.messages import StateCause
+from common.timing import NS_PER_MS
+
+FACTOR = 4.0
+_PATIENCE_NS = 100 * NS_PER_MS
+_LAPSE_NS = 50 * NS_PER_MS  # the dimmest of LEDs drown in noise now and then
+_TRIAL_NS = 500 * NS_PER_MS
+
+
+class ExposureRetry:
+    """The exposure to use, from what the estimator says of the images."""
+
+    def __init__(self, exposure_us: float, rate_hz: float) -> None:
+        self._configured_us = self.exposure_us = exposure_us
+        self._longest_us = max(0.8e6 / rate_hz, exposure_us)
+        self._bad_since_ns: int | None = None
+        self._last_bad_ns = self._tried_ns = 0
+        self._spent = False
+
+    def judge(self, now_ns: int, cause: StateCause) -> float:
+        """The exposure [µs] from now on, after a state of this cause."""
+        if cause in ("overexposed", "underexposed"):
+            self._last_bad_ns = now_ns
+            self._bad_since_ns = now_ns if self._bad_since_ns is None else self._bad_since_ns
+        elif cause in ("ok", "confirming") or now_ns - self._last_bad_ns > _LAPSE_NS:
+            self._bad_since_ns = None
+        lasting = self._bad_since_ns is not None and now_ns - self._bad_since_ns >= _PATIENCE_NS
+        if self.exposure_us != self._configured_us:
+            if cause == "ok":
+                self._tried_ns, self._spent = now_ns, False
+            elif now_ns - self._tried_ns > _TRIAL_NS:
+                self.exposure_us, self._bad_since_ns = self._configured_us, None
+        elif cause == "ok":
+            self._spent = False
+        elif lasting and now_ns == self._last_bad_ns and not self._spent:
+            longer = self._configured_us * (FACTOR if cause == "underexposed" else 1.0 / FACTOR)
+            self.exposure_us, self._tried_ns, self._spent = min(longer, self._longest_us), now_ns, True
+            self._bad_since_ns = None
+        return self.exposure_us

@@ -1,0 +1,155 @@
+"""One record of every attempt: what it took, how near to its limits it came, and how it ended."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+from common.causes import cause_code, needs_reset
+from common.channels import DOCKING_STATE
+from common.config import Config
+from common.geometry import wrap_angle
+from common.messages import DockingState, Drives, Mission, Phase
+from common.timing import NS_PER_MS, NS_PER_S
+from follower.supervisor.attempt import Attempt
+from follower.supervisor.observed import Observed
+from follower.supervisor.transitions import ENDED
+
+SCHEMA = "attempt/1"
+_SERVOED: tuple[Phase, ...] = ("approach",)
+
+
+@dataclass
+class _Running:
+    """What has been gathered of the attempt under way."""
+
+    begin_ns: int
+    since_ns: int
+    phase: Phase
+    interventions: int | None = None
+    phases_s: dict[str, float] = field(default_factory=dict)
+    rules: Counter[str] = field(default_factory=Counter)
+    pauses: Counter[str] = field(default_factory=Counter)
+    intervened: int = 0
+    waiting: str = ""
+    set_before: tuple[float, float] | None = None
+    arrival: dict[str, float] | None = None
+    connected: dict[str, float] | None = None
+    margins: dict[str, float] = field(default_factory=dict)
+
+
+class AttemptReport:
+    """Steps beside the sequence with what that saw; pure."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._running: _Running | None = None
+
+    def step(self, seen: Observed, mission: Mission, attempt: Attempt) -> dict[str, Any] | None:
+        """Take one step and what came of it; the record, as a JSON table, when an attempt ended with it."""
+        running, phase = self._running, mission.phase
+        if running is None:
+            if phase not in ENDED:
+                self._running = _Running(seen.now_ns, seen.now_ns, phase)
+            return None
+        self._count_gate(running, seen.drives)
+        if running.phase in _SERVOED:
+            self._measure_margins(running, seen)
+            self._count_pause(running, mission.waiting if phase == running.phase else "")
+        if phase != running.phase:
+            self._change(running, seen, phase, attempt)
+        if phase not in ENDED:
+            return None
+        self._running = None
+        return self._record(running, seen.now_ns, phase, attempt, mission.cause)
+
+    def _change(self, running: _Running, seen: Observed, phase: Phase, attempt: Attempt) -> None:
+        spent_s = (seen.now_ns - running.since_ns) / NS_PER_S
+        running.phases_s[running.phase] = round(running.phases_s.get(running.phase, 0.0) + spent_s, 3)
+        if seen.state is not None and seen.state.valid:
+            if phase == "insert":
+                running.arrival = errors(seen.state, attempt.goal.x_m)
+            elif phase == "lock" and seen.drives is not None and attempt.contact_begin_m is not None:
+                pushed_m = attempt.odometer_m(seen.drives) - attempt.contact_begin_m
+                running.connected = errors(seen.state, attempt.goal.x_m - pushed_m)
+        running.phase, running.since_ns = phase, seen.now_ns
+        running.set_before = None
+
+    def _count_gate(self, running: _Running, drives: Drives | None) -> None:
+        """Interventions by the rules they were for; of several within one step all count for the last one's."""
+        if drives is None:
+            return
+        if running.interventions is not None:
+            more = max(0, drives.gate_interventions - running.interventions)
+            for rule in drives.gate_intervened.split(",") if more else ():
+                running.rules[rule or "unnamed"] += more
+            running.intervened += more
+        running.interventions = drives.gate_interventions
+
+    def _count_pause(self, running: _Running, waiting: str) -> None:
+        if waiting and not running.waiting:
+            running.pauses[waiting] += 1
+        running.waiting = waiting
+
+    def _measure_margins(self, running: _Running, seen: Observed) -> None:
+        """Smallest distances to the image's edge, the gate's rates, and the age at which a state is refused."""
+        state, drives = seen.state, seen.drives
+        if state is not None:
+            age_ms = (seen.now_ns - state.capture_ns) / NS_PER_MS
+            self._least(running, "age_ms", DOCKING_STATE.max_age_ms - age_ms)
+            for feature in state.features:
+                if feature is not None:
+                    self._least(running, "field_of_view_px", self._to_edge_px(*feature))
+        if drives is not None:
+            told = drives.v_set_m_s, drives.w_set_rad_s
+            before, running.set_before = running.set_before, told
+            if before is not None:
+                period_s = self._config.controller.period_ms / 1000.0
+                limits = self._config.limits
+                v_most = limits.gate_acceleration_m_s2 * period_s
+                w_most = limits.gate_angular_acceleration_rad_s2 * period_s
+                self._least(running, "dv_m_s", v_most - abs(told[0] - before[0]))
+                self._least(running, "dw_rad_s", w_most - abs(told[1] - before[1]))
+
+    def _to_edge_px(self, alpha: float, beta: float) -> float:
+        camera = self._config.camera
+        lens = camera.lens
+        u, v = lens.cx_px + lens.fx_px * alpha, lens.cy_px + lens.fy_px * beta
+        return min(u, v, camera.width_px - 1 - u, camera.height_px - 1 - v)
+
+    def _least(self, running: _Running, name: str, value: float) -> None:
+        running.margins[name] = min(value, running.margins.get(name, math.inf))
+
+    def _record(self, running: _Running, now_ns: int, phase: Phase, attempt: Attempt, cause: str) -> dict[str, Any]:
+        return {
+            "schema": SCHEMA,
+            "trolley": attempt.trolley,
+            "epoch": attempt.epoch,
+            "method": self._config.controller.method,
+            "docked": phase == "done",
+            "cause": cause,
+            "code": cause_code(cause),
+            "needs_reset": phase == "aborted" and needs_reset(cause),
+            "duration_s": round((now_ns - running.begin_ns) / NS_PER_S, 3),
+            "phases_s": running.phases_s,
+            "arrival": running.arrival,
+            "connected": running.connected,
+            "margins": {name: round(value, 4) for name, value in running.margins.items()},
+            "gate": {"interventions": running.intervened, "rules": dict(running.rules)},
+            "retries": attempt.retries,
+            "searches": attempt.searches,
+            "pauses": dict(running.pauses),
+            "rearmed": attempt.rearmed,
+        }
+
+
+def errors(state: DockingState, behind_m: float) -> dict[str, float]:
+    """The estimate as a signed error of {F} in {L}, where it should stand ``behind_m`` behind: cm and degrees."""
+    c, s = math.cos(state.theta_rad), math.sin(state.theta_rad)
+    return {
+        "e_x_cm": round(100 * (state.x_m * c + state.y_m * s - behind_m), 3),
+        "e_y_cm": round(100 * (state.x_m * s - state.y_m * c), 3),
+        "e_theta_deg": round(-math.degrees(wrap_angle(state.theta_rad)), 3),
+    }
