@@ -24,7 +24,6 @@ from experiments.results import row, write_results
 START, SPREAD = (3.6, 0.25, 0.0), (0.15, 0.15, 4.0)
 _STANDING_M_S = 0.01
 _OCCLUDER_AHEAD_M, _OCCLUDER_RADIUS_M = 1.9, 0.45
-_JAM_M = 0.05
 _LINGER_S = 1.0
 Deed = Callable[[Backstage, int], None]
 
@@ -34,7 +33,7 @@ class Case:
     """One incident: in which phase and how long after its begin, for how long, what may come of it.
 
     ``ends``: the causes that are right, "done" for a docking that succeeds. ``holds``: the trolley stays gripped when
-    it does not.
+    it does not. ``jam_m``: how far before its place the trolley is blocked.
     """
 
     name: str
@@ -45,6 +44,7 @@ class Case:
     delay_s: float = 0.2
     duration_s: float = 0.0
     holds: bool = True
+    jam_m: float = 0.08
 
 
 _LED_PHASES: tuple[Phase, ...] = ("acquire", "approach", "insert", "push", "lock", "release", "retract")
@@ -64,6 +64,8 @@ CASES = {
         Case("hidden 1 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=1.0),
         Case("hidden 5 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=5.0),
         Case("jam of trolley 1", "jam", "approach", ("contact_early",)),
+        # so near its place only the seat's switch tells
+        Case("late jam of trolley 1", "jam", "approach", ("contact_early", "lock_refused"), jam_m=0.05),
         Case("jam of trolley 2", "jam", "approach", ("contact_early",), trolley=2),
         Case("lock switch stuck open", "switch_open", "approach", ("lock_refused", "lock_timeout")),
         Case("lock switch stuck closed", "switch_closed", "idle", ("acquire_timeout", "lock_implausible")),
@@ -174,7 +176,7 @@ class _Mishap:
                 x = plant.pose.x_m + _OCCLUDER_AHEAD_M
                 plant.occluders = ((x, 0.5 * plant.pose.y_m, _OCCLUDER_RADIUS_M),)
             case "jam":
-                plant.contact.jam_m = _JAM_M
+                plant.contact.jam_m = self._case.jam_m
             case "switch_open":
                 faults.stuck["lock_extended"] = False
             case "switch_closed":
