@@ -29,7 +29,7 @@ def live_progress(console: Console) -> Iterator[Progress]:
                 shown.append((record.trolley, record.phases[-1][0]))
                 waiting = f"  waits for {record.mission.waiting}" if record.mission and record.mission.waiting else ""
                 line = f"{_seconds(record):6.1f} s  {record.trolley}  {record.phases[-1][0]:10s} {_where(record)}"
-                console.print(line + waiting)
+                console.print(line + waiting, soft_wrap=True)
 
         yield show
 
