@@ -58,12 +58,12 @@ def draw_collection(records: Sequence[DockingRecord], path: Path) -> Path:
         plan.plot(poses[:, 0], poses[:, 1], lw=1.2, label=f"trolley {record.trolley}")
     numbers = [record.trolley for record in records]
     errors = [record.errors() for record in records]
-    lateral.bar(numbers, [error["e_y_cm"] or 0.0 for error in errors], color="tab:blue", width=0.6)
+    lateral.semilogy(numbers, [error["e_y_cm"] for error in errors], "o-", color="tab:blue", label="e_y")
     lateral.step(numbers, [100 * record.bound_m for record in records], where="mid", color="tab:red", label="bound")
-    heading.bar(numbers, [error["e_theta_deg"] or 0.0 for error in errors], color="tab:orange", width=0.6)
+    heading.plot(numbers, [error["e_theta_deg"] for error in errors], "o-", color="tab:orange")
     plan.set(xlabel="x in {L} [m]", ylabel="y in {L} [m]", title="Plan view of every docking, true")
-    lateral.set(xlabel="trolley", ylabel="e_y [cm]")
-    heading.set(xlabel="trolley", ylabel="e_θ [°]")
+    lateral.set(xlabel="trolley", ylabel="e_y [cm]", xticks=numbers)
+    heading.set(xlabel="trolley", ylabel="e_θ [°]", xticks=numbers)
     for axis in (plan, lateral, heading):
         axis.grid(alpha=0.3)
     plan.legend(fontsize=7, ncols=4)
