@@ -65,14 +65,11 @@ def points_in_camera(points_l: Array, relative: Pose2, camera_xyz_m: Array) -> A
     """
     c, s = math.cos(relative.theta_rad), math.sin(relative.theta_rad)
     x_l, y_l, z_l = points_l[:, 0], points_l[:, 1], points_l[:, 2]
-    return np.stack(
-        [
-            -relative.y_m + camera_xyz_m[1] - x_l * s - y_l * c,
-            camera_xyz_m[2] - z_l,
-            relative.x_m - camera_xyz_m[0] + x_l * c - y_l * s,
-        ],
-        axis=1,
-    )
+    points_c = np.empty((len(points_l), 3))
+    points_c[:, 0] = -relative.y_m + camera_xyz_m[1] - x_l * s - y_l * c
+    points_c[:, 1] = camera_xyz_m[2] - z_l
+    points_c[:, 2] = relative.x_m - camera_xyz_m[0] + x_l * c - y_l * s
+    return points_c
 
 
 def normalise(points_c: Array) -> Array:

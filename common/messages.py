@@ -432,6 +432,7 @@ class Answer:
 
 M = TypeVar("M", bound=Message)
 _MAX_BYTES = 65_536
+_PAIR, _QUADRUPLE = b"\x92", b"\x94"  # MessagePack's heads of an array of two and of four
 
 
 @cache
@@ -443,7 +444,9 @@ def encode(message: Message, header: Header) -> bytes:
     """MessagePack bytes of a message and its header."""
     fields = _adapter(Header).dump_python(header)
     body = _adapter(type(message)).dump_python(message)
-    packed: bytes = msgpack.packb([message.SCHEMA, fields, body, _crc(body, fields)])
+    content: bytes = msgpack.packb(fields) + msgpack.packb(body)
+    checksum = zlib.crc32(_PAIR + content)
+    packed: bytes = _QUADRUPLE + msgpack.packb(message.SCHEMA) + content + msgpack.packb(checksum)
     return packed
 
 

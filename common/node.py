@@ -27,6 +27,7 @@ from common.timing import Clock
 
 M = TypeVar("M", bound=Message)
 Output = tuple[Channel[Any], Message]
+Decoder = Callable[[type[Any], bytes], tuple[Header, Any]]
 REQUEST_BACKLOG = 64
 
 
@@ -72,8 +73,9 @@ class Inbox:
     and named once per reason in ``faults`` for the executor to log.
     """
 
-    def __init__(self, boot_id: str) -> None:
+    def __init__(self, boot_id: str, decoder: Decoder = decode) -> None:
         self._boot_id = boot_id
+        self._decoder = decoder
         self._incoming: dict[str, tuple[bytes, int]] = {}
         self._newest: dict[str, tuple[bytes, int]] = {}
         self._decoded: dict[str, tuple[bytes, Received[Any] | None]] = {}
@@ -129,10 +131,10 @@ class Inbox:
 
     def arrived(self, channel: Channel[M]) -> M | None:
         """The newest message if it came since the last step and could be decoded."""
-        received = self.newest(channel)
-        if channel.key not in self._arrived or received is None:
+        if channel.key not in self._arrived:
             return None
-        return received.message if channel.key not in self._spoilt else None
+        received = self.newest(channel)
+        return received.message if received is not None and channel.key not in self._spoilt else None
 
     def requests(self, channel: Channel[M]) -> list[Received[M]]:
         """Requests that came since the last step, oldest first."""
@@ -160,7 +162,7 @@ class Inbox:
         self, message_type: type[Any], channel: Channel[Any], payload: bytes, receipt_ns: int
     ) -> Received[Any] | None:
         try:
-            header, message = decode(message_type, payload)
+            header, message = self._decoder(message_type, payload)
             if channel.reach == "robot" and header.boot_id != self._boot_id:
                 raise MessageError(f"{channel.key}: stamped in another boot")
         except MessageError as error:

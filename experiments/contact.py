@@ -23,7 +23,7 @@ from experiments.campaign import run_all
 from experiments.contact_bench import ContactBench, Sample
 from experiments.contact_plot import draw_contact
 from experiments.results import row, write_results
-from sim.contact import RubberPad
+from sim.trolley import RubberPad
 from sim.world_config import WorldConfig, world_config
 
 LOAD_KG = (15.0, 35.0)

@@ -11,7 +11,8 @@ from common.kinematics import wheels_from_twist
 from common.messages import ArmSetpoint, ArmState, Drives, Mission
 from follower.arms.handle import HandleHold
 from sim.arm import SimulatedArms
-from sim.contact import Contact, RubberPad
+from sim.contact import Contact
+from sim.trolley import RubberPad
 from sim.world_config import WorldConfig
 
 PLANT_STEP_S = 0.002

@@ -10,14 +10,14 @@ brake, its friction holds it.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from random import Random
 from typing import Literal, Protocol
 
-import numpy as np
-
-from common.config import ArmsConfig, ConfigError
+from common.config import ArmsConfig
 from common.geometry import Pose2
+from sim.limb import Limb, Triple
 from sim.world_config import WorldConfig
 
 _GRASP_STIFFNESS = (20_000.0, 20_000.0, 200.0)
@@ -31,7 +31,16 @@ _GRIP_REACH_M = 0.05
 # what the gear's friction keeps clamped while the motor is told nothing
 _GRIP_GEAR_TORQUE_N_M = 0.6
 _LIFT_SPEED_M_S = 0.05
-Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What the drives want of their motors; it holds until they are heard again."""
+
+    joints: tuple[tuple[Literal["none", "velocity", "torque", "position"], float, float], ...]
+    enabled: tuple[bool, ...]
+    grip_n_m: tuple[float | None, ...]
+    lift_m: float | None
 
 
 class Motor(Protocol):
@@ -71,58 +80,6 @@ class _Gripper:
     slippery: bool = False
 
 
-class _Limb:
-    """One arm: joint angles and speeds, geometry and friction of its own."""
-
-    def __init__(self, config: ArmsConfig, world: WorldConfig, side: int) -> None:
-        grown = 1.0 + world.link_error
-        self.base = (config.base_xy_m[0], side * config.base_xy_m[1])
-        self.links = tuple(grown * length for length in config.link_m)
-        limits = [sorted((side * math.radians(a), side * math.radians(b))) for a, b in config.joint_limits_deg]
-        self.low, self.high = [pair[0] for pair in limits], [pair[1] for pair in limits]
-        self.inertia, self.friction = world.joint_inertia_kg_m2, world.joint_friction_n_m
-        self.damping = world.joint_damping_n_m_s
-        self.angles = [side * 1.2, side * -1.6, side * 0.4]
-        self.speeds = [0.0, 0.0, 0.0]
-
-    def tip(self) -> tuple[Triple, tuple[Triple, Triple]]:
-        """Gripper pose in {F}; and x and y columns of its velocity by the joints' speeds."""
-        a1, a2, a3 = self.angles
-        h2, h3 = a1 + a2, a1 + a2 + a3
-        l1, l2, l3 = self.links
-        x3, y3 = l3 * math.cos(h3), l3 * math.sin(h3)
-        x2, y2 = x3 + l2 * math.cos(h2), y3 + l2 * math.sin(h2)
-        x1, y1 = x2 + l1 * math.cos(a1), y2 + l1 * math.sin(a1)
-        return (self.base[0] + x1, self.base[1] + y1, h3), ((-y1, -y2, -y3), (x1, x2, x3))
-
-    def place(self, goal: Triple) -> None:
-        """Bend the joints until the gripper is at ``goal`` in {F}: Newton's method from the posture it has.
-
-        Raises:
-            ConfigError: the joints cannot bring it there.
-        """
-        for _ in range(60):
-            (x, y, heading), (by_x, by_y) = self.tip()
-            error = goal[0] - x, goal[1] - y, goal[2] - heading
-            if max(map(abs, error)) < 1e-10:
-                return
-            steps = np.linalg.lstsq(np.array([by_x, by_y, (1.0, 1.0, 1.0)]), np.array(error), rcond=1e-3)[0]
-            scale = min(1.0, 0.3 / float(np.abs(steps).max()))
-            self.angles = [angle + scale * float(step) for angle, step in zip(self.angles, steps, strict=True)]
-        raise ConfigError("world.handle_x_m: the simulated arms cannot reach the handle; check arms.link_m too")
-
-    def move(self, torques: Triple, dt_s: float) -> None:
-        """One step under motor and handle torques; dry friction stops a joint but never drives it."""
-        for i, torque in enumerate(torques):
-            speed = self.speeds[i] + (torque - self.damping * self.speeds[i]) / self.inertia[i] * dt_s
-            loss = self.friction / self.inertia[i] * dt_s
-            speed = math.copysign(max(0.0, abs(speed) - loss), speed)
-            angle = self.angles[i] + speed * dt_s
-            if not self.low[i] <= angle <= self.high[i]:
-                angle, speed = min(self.high[i], max(self.low[i], angle)), 0.0
-            self.angles[i], self.speeds[i] = angle, speed
-
-
 class SimulatedArms:
     """Left and right arm, grippers, lift. Starts with the handle in the grippers.
 
@@ -142,7 +99,7 @@ class SimulatedArms:
     ) -> None:
         self._config, self._world = config, world
         self._joints, self._gripper_motors, self._lift = joints, grippers, lift
-        self._limbs = (_Limb(config, world, 1), _Limb(config, world, -1))
+        self._limbs = (Limb(config, world, 1), Limb(config, world, -1))
         self.grippers = (_Gripper(), _Gripper())
         self._lift_m = config.lift_height_m
         self._random = Random(world.seed)
@@ -151,19 +108,39 @@ class SimulatedArms:
             limb.place((world.handle_x_m, y_m, 0.0))
             gripper.hold = (0.0, y_m, 0.0)
             gripper.angle_rad, gripper.clamp_n_m = _GRIP_HANDLE_RAD, config.grip_torque_n_m
-        self._report((0.0,) * 6, (0.0, 0.0))
+        self._told = self._listened()
+        self._felt: tuple[float, ...] = (0.0,) * 6
+        self._grip_felt: tuple[float, ...] = (0.0, 0.0)
+        self._feel((0.0,) * 6)
+        self.report()
 
     @property
     def holding(self) -> bool:
         """A gripper holds the handle."""
         return any(gripper.hold is not None for gripper in self.grippers)
 
+    @property
+    def open(self) -> bool:
+        """Both grippers are wide open and hold nothing."""
+        return all(gripper.hold is None and gripper.angle_rad >= _GRIP_OPEN_RAD for gripper in self.grippers)
+
     def make_slippery(self, side: int) -> None:
         """The handle leaves gripper ``side`` (0 left, 1 right) until that is opened: a fault to inject."""
         self.grippers[side].slippery = True
 
     def advance(self, handle: Pose2, velocity: Triple, dt_s: float) -> Triple:
-        """One step.
+        """One step from drives to drives: :meth:`listen`, :meth:`step`, :meth:`report`."""
+        self.listen()
+        reaction = self.step(handle, velocity, dt_s)
+        self.report()
+        return reaction
+
+    def listen(self) -> None:
+        """Take what the drives want; they change their mind between exchanges on the bus only."""
+        self._told = self._listened()
+
+    def step(self, handle: Pose2, velocity: Triple, dt_s: float) -> Triple:
+        """One step under what the drives wanted last.
 
         Args:
             handle: its pose in {F}.
@@ -183,32 +160,50 @@ class SimulatedArms:
                 gripper.hold, gripper.slippery, held = None, True, None
             force = held or (0.0, 0.0, 0.0)
             by_x, by_y = columns
-            own = told[3 * side : 3 * side + 3]
-            motion = tuple(own[i] + by_x[i] * force[0] + by_y[i] * force[1] + force[2] for i in range(3))
-            limb.move((motion[0], motion[1], motion[2]), dt_s)
+            one, two, three = told[3 * side : 3 * side + 3]
+            f_x, f_y, moment = force
+            motion = (
+                one + by_x[0] * f_x + by_y[0] * f_y + moment,
+                two + by_x[1] * f_x + by_y[1] * f_y + moment,
+                three + by_x[2] * f_x + by_y[2] * f_y + moment,
+            )
+            limb.move(motion, dt_s)
             lever_x, lever_y = tip[0] - handle.x_m, tip[1] - handle.y_m
-            reaction[0] -= force[0]
-            reaction[1] -= force[1]
-            reaction[2] -= force[2] + lever_x * force[1] - lever_y * force[0]
-        grip_torques = self._move_grippers(handle, dt_s)
+            reaction[0] -= f_x
+            reaction[1] -= f_y
+            reaction[2] -= moment + lever_x * f_y - lever_y * f_x
+        self._grip_felt = self._move_grippers(handle, dt_s)
         self._move_lift(dt_s)
-        self._report(told, grip_torques)
+        self._feel(told)
         return reaction[0], reaction[1], reaction[2]
 
-    def _motor_torques(self) -> tuple[float, ...]:
-        result = []
-        for i, motor in enumerate(self._joints):
-            limb, joint = self._limbs[i // 3], i % 3
-            effort, torque = motor.effort, 0.0
+    def _listened(self) -> _Told:
+        joints = []
+        for motor in self._joints:
+            effort, wanted = motor.effort, 0.0
             if effort == "torque":
-                torque = motor.torque_setpoint_n_m * (1.0 + self._world.joint_torque_error)
+                wanted = motor.torque_setpoint_n_m * (1.0 + self._world.joint_torque_error)
             elif effort == "position":
+                wanted = motor.position_setpoint
+            joints.append((effort, wanted, motor.torque_limit_n_m))
+        return _Told(
+            tuple(joints),
+            tuple(motor.enabled for motor in self._joints),
+            tuple(motor.torque_setpoint_n_m if motor.effort == "torque" else None for motor in self._gripper_motors),
+            self._lift.position_setpoint if self._lift.enabled else None,
+        )
+
+    def _motor_torques(self) -> list[float]:
+        result = []
+        for i, (effort, wanted, limit) in enumerate(self._told.joints):
+            torque = wanted
+            if effort == "position":
+                limb, joint = self._limbs[i // 3], i % 3
                 stiffness = limb.inertia[joint] * _HOLD_BANDWIDTH_RAD_S**2
                 damping = 2.0 * limb.inertia[joint] * _HOLD_BANDWIDTH_RAD_S
-                torque = stiffness * (motor.position_setpoint - limb.angles[joint]) - damping * limb.speeds[joint]
-            limit = motor.torque_limit_n_m
+                torque = stiffness * (wanted - limb.angles[joint]) - damping * limb.speeds[joint]
             result.append(min(limit, max(-limit, torque)))
-        return tuple(result)
+        return result
 
     def _slips(self, gripper: _Gripper, force: Triple, heading: float) -> bool:
         """Pushed, the handle bears on the gripper's palm; pulled, only the fingers' friction holds it."""
@@ -218,9 +213,9 @@ class SimulatedArms:
     def _move_grippers(self, handle: Pose2, dt_s: float) -> tuple[float, ...]:
         """Fingers close until they meet the handle or each other; what their motors then feel."""
         felt = []
-        for side, (motor, gripper) in enumerate(zip(self._gripper_motors, self.grippers, strict=True)):
-            told = motor.torque_setpoint_n_m if motor.effort == "torque" else 0.0
-            if motor.effort == "torque":
+        for side, (wanted, gripper) in enumerate(zip(self._told.grip_n_m, self.grippers, strict=True)):
+            told = wanted or 0.0
+            if wanted is not None:
                 gripper.clamp_n_m = max(_GRIP_GEAR_TORQUE_N_M, told)
             near = gripper.hold is not None or self._near(side, handle)
             stop = _GRIP_HANDLE_RAD if near and not gripper.slippery else _GRIP_EMPTY_RAD
@@ -250,23 +245,30 @@ class SimulatedArms:
         return seen.x_m, seen.y_m, seen.theta_rad
 
     def _move_lift(self, dt_s: float) -> None:
-        wanted = self._lift.position_setpoint if self._lift.enabled else self._lift_m
+        wanted = self._lift_m if self._told.lift_m is None else self._told.lift_m
         step = _LIFT_SPEED_M_S * dt_s
         self._lift_m += min(step, max(-step, wanted - self._lift_m))
 
-    def _report(self, torques: tuple[float, ...], grip_torques: tuple[float, ...]) -> None:
+    def _feel(self, torques: Sequence[float]) -> None:
+        """What the current sensors of powered motors read."""
         noise, gauss = self._world.torque_noise_n_m, self._random.gauss
-        for i, motor in enumerate(self._joints):
+        self._felt = tuple(
+            torque + gauss(0.0, noise) if enabled else 0.0
+            for torque, enabled in zip(torques, self._told.enabled, strict=True)
+        )
+
+    def report(self) -> None:
+        """Write what encoders and current sensors read to the drives."""
+        for i, (motor, felt) in enumerate(zip(self._joints, self._felt, strict=True)):
             limb, joint = self._limbs[i // 3], i % 3
-            felt = torques[i] + gauss(0.0, noise) if motor.enabled else 0.0
             motor.set_measured(limb.angles[joint], limb.speeds[joint], felt)
-        for motor, gripper, torque in zip(self._gripper_motors, self.grippers, grip_torques, strict=True):
+        for motor, gripper, torque in zip(self._gripper_motors, self.grippers, self._grip_felt, strict=True):
             motor.set_measured(gripper.angle_rad, 0.0, torque)
         self._lift.set_measured(self._lift_m, 0.0, 0.0)
 
 
 def _held(
-    gripper: _Gripper, limb: _Limb, tip: Triple, columns: tuple[Triple, Triple], handle: Pose2, velocity: Triple
+    gripper: _Gripper, limb: Limb, tip: Triple, columns: tuple[Triple, Triple], handle: Pose2, velocity: Triple
 ) -> Triple | None:
     """Force and moment of the handle on a gripper that holds it, in {F}."""
     if gripper.hold is None:

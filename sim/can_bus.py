@@ -36,18 +36,21 @@ class SimulatedBus:
 
     def handle(self, frame: CanFrame, now_ns: int) -> list[CanFrame]:
         """A frame from outside; the nodes' answers in the order of arbitration by node."""
-        service = frame.can_id & 0x780
-        if frame.can_id in (NMT, SYNC) or service == HEARTBEAT:
-            addressed: Sequence[BusNode] = self.nodes
+        can_id, faulty = frame.can_id, self.faults.active
+        if can_id in (NMT, SYNC) or can_id & 0x780 == HEARTBEAT:
+            sent: list[CanFrame] = []
+            for node in self.nodes:
+                if not faulty or self.faults.hears(node.node_id):
+                    sent += node.handle(frame, now_ns)
         else:
-            node = self._by_id.get(frame.can_id & 0x7F)
-            addressed = (node,) if node is not None else ()
-        return self._collect([node.handle(frame, now_ns) for node in addressed if self.faults.hears(node.node_id)])
+            addressed = self._by_id.get(can_id & 0x7F)
+            if addressed is None or (faulty and not self.faults.hears(addressed.node_id)):
+                sent = []
+            else:
+                sent = addressed.handle(frame, now_ns)
+        return self.faults.spoil(sent) if faulty else sent
 
     def tick(self, now_ns: int) -> list[CanFrame]:
         """What the nodes send by themselves at this time."""
-        return self._collect([node.tick(now_ns) for node in self.nodes])
-
-    def _collect(self, sent: list[list[CanFrame]]) -> list[CanFrame]:
-        frames = [frame for frames in sent for frame in frames]
-        return self.faults.spoil(frames) if self.faults.active else frames
+        sent = [frame for node in self.nodes for frame in node.tick(now_ns)]
+        return self.faults.spoil(sent) if self.faults.active else sent

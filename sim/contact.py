@@ -1,82 +1,84 @@
-"""The trolley on the floor, the Leader's gravity guide, and rubber pads that its wheels climb.
+"""The trolley in hand, what it meets ahead, and how the next one comes.
 
-A rigid body in the plane, moved by forces at its handle: its wheels resist rolling and turning, a pad's edge resists
-a wheel that climbs it. The guide's ramp resists the front beam while it is lifted and falls behind the beam at its
-end, a stop lies behind it. A beam further off than the lateral bound catches beside the guide. Not modelled:
-casters that must swing round, impact, and the guide's own hold sideways.
+Ahead of the first trolley is the Leader's guide, ahead of each further one the queue. Who fetches trolleys is no part
+of this simulation: the next one is placed before the Follower's open grippers, as well as somebody would place it.
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
+from random import Random
 
-from common.geometry import Pose2, wrap_angle
+from common.geometry import Pose2
+from sim.queue import Nested, Queue, stop_n
+from sim.trolley import RubberPad, Trolley
 from sim.world_config import WorldConfig
 
-GRAVITY_M_S2 = 9.81
-_SEAT_PLAY_M = 0.004
-_STOP_DAMPING_N_S_M = 500.0
-_WHEEL_RADIUS_M = 0.06
-_AXLES_BEFORE_BEAM_M = (0.10, 0.75)
-_TURNING_LEVER_M = 0.35
-_YAW_RADIUS_M = 0.35
+TROLLEY_PITCH_M = 0.28
 
 
-@dataclass(frozen=True)
-class RubberPad:
-    """A pad across the way, by x in {L}: its wheels roll harder on it and have to climb its edge."""
-
-    begin_x_m: float
-    end_x_m: float
-    height_m: float
-    rolling_resistance: float = 0.05
-
-    def resistance(self, wheel_x_m: float) -> float:
-        """Force against driving ahead, by an axle's load, of a wheel whose axle is at ``wheel_x_m``."""
-        reach = math.sqrt(2 * _WHEEL_RADIUS_M * self.height_m - self.height_m**2)
-        for edge, sign in ((self.begin_x_m, 1.0), (self.end_x_m, -1.0)):
-            before = (edge - wheel_x_m) * sign
-            if 0.0 < before < reach:
-                return sign * before / math.sqrt(_WHEEL_RADIUS_M**2 - before**2)
-        return self.rolling_resistance if self.begin_x_m <= wheel_x_m <= self.end_x_m else 0.0
-
-
-@dataclass
 class Contact:
-    """The trolley and what it touches. ``handle_force_n``, the arms' push along the chassis, is set from outside.
+    """What the arms hold or held last, and the queue. ``handle_force_n``, their push, is set from outside.
 
     Args:
         world: masses, guide, floor.
-        handle: pose of the handle in {L} at the start; the trolley's axes are the robot's.
+        handle: pose of the first trolley's handle in {L}; its axes are the robot's.
         pads: that lie on the floor.
+        gripped: the arms hold it.
+        velocity: of its centre: m/s, m/s, rad/s.
+        pitch_m: of nested trolleys.
     """
 
-    world: WorldConfig
-    handle: Pose2
-    pads: tuple[RubberPad, ...] = ()
-    gripped: bool = False
-    seated: bool = False
-    lifted: bool = False
-    handle_force_n: float = 0.0
-    velocity: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0))
+    def __init__(
+        self,
+        world: WorldConfig,
+        handle: Pose2,
+        pads: tuple[RubberPad, ...] = (),
+        gripped: bool = False,
+        velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        pitch_m: float = TROLLEY_PITCH_M,
+    ) -> None:
+        self.world, self.pads, self.gripped = world, pads, gripped
+        self.handle_force_n = 0.0
+        self.queue = Queue(world, pitch_m)
+        # metres before it is home at which something blocks the trolley in hand: a fault to inject
+        self.jam_m: float | None = None
+        self._random = Random(f"{world.seed} trolleys")
+        self._fill(pitch_m)
+        self.trolley = Trolley(world, handle, self._mass_kg(), velocity)
+
+    @property
+    def handle(self) -> Pose2:
+        """Of the trolley in hand, in {L}."""
+        return self.trolley.handle
+
+    @property
+    def velocity(self) -> tuple[float, float, float]:
+        """Of its centre: m/s, m/s, rad/s."""
+        return self.trolley.velocity
 
     @property
     def beam_x_m(self) -> float:
-        """The front beam along {L}."""
-        return self._x_ahead(self.world.handle_to_beam_m)
+        """Its front beam along {L}."""
+        return self.trolley.beam_x_m
 
     @property
-    def beam_y_m(self) -> float:
-        """The front beam's lateral place in {L}."""
-        return self.handle.y_m + self.world.handle_to_beam_m * math.sin(self.handle.theta_rad)
+    def seated(self) -> bool:
+        """The first trolley's beam is in the guide."""
+        return self.queue.guide.seated
+
+    @property
+    def lifted(self) -> bool:
+        """The guide is lifted by a beam below it."""
+        return self.queue.guide.lifted
+
+    @property
+    def home(self) -> bool:
+        """The trolley in hand stands in the guide or in the queue."""
+        return self.queue.is_home(self.trolley.beam_x_m)
 
     def handle_velocity(self) -> tuple[float, float, float]:
         """Velocity of the handle in {L}: m/s, m/s, rad/s."""
-        v_x, v_y, w = self.velocity
-        to_handle = -self.world.handle_to_beam_m / 2
-        c, s = math.cos(self.handle.theta_rad), math.sin(self.handle.theta_rad)
-        return v_x - w * to_handle * s, v_y + w * to_handle * c, w
+        return self.trolley.handle_velocity()
 
     def advance(self, force_n: tuple[float, float], moment_n_m: float, bound_m: float, dt_s: float) -> None:
         """One step.
@@ -84,71 +86,50 @@ class Contact:
         Args:
             force_n: on the handle, in {L}.
             moment_n_m: about the handle.
-            bound_m: a beam further off than this catches beside the guide.
-            dt_s: the step, short against the stop's period.
+            bound_m: a beam further off than this catches beside guide or mouth.
+            dt_s: the step, short against the stops' period.
         """
-        world, before = self.world, self.beam_x_m
-        arm = world.handle_to_beam_m / 2
-        c, s = math.cos(self.handle.theta_rad), math.sin(self.handle.theta_rad)
-        v_x, v_y, w = self.velocity
-        guide_n = self._guide_force(abs(self.beam_y_m) <= bound_m, v_x - w * arm * s)
-        climbing_n = self._pad_force()
-        force_x = force_n[0] - guide_n - climbing_n * c
-        force_y = force_n[1] - climbing_n * s
-        # handle and beam lie at ∓arm from the centre
-        moment = moment_n_m + arm * (force_n[0] * s - force_n[1] * c) + arm * guide_n * s
-        mass = world.trolley_mass_kg
-        v_x += force_x / mass * dt_s
-        v_y += force_y / mass * dt_s
-        w += moment / (mass * _YAW_RADIUS_M**2) * dt_s
-        v_x, v_y, w = self._rub(v_x, v_y, w, dt_s)
-        self.velocity = v_x, v_y, w
-        h_x, h_y, _ = self.handle_velocity()
-        self.handle = Pose2(
-            self.handle.x_m + h_x * dt_s, self.handle.y_m + h_y * dt_s, wrap_angle(self.handle.theta_rad + w * dt_s)
+        trolley, queue = self.trolley, self.queue
+        first = queue.members[0].beam_x_m if queue.members else trolley.beam_x_m
+        speed = trolley.beam_speed_m_s
+        met_n = queue.meet_n(trolley.beam_x_m, trolley.beam_y_m, speed, bound_m)
+        jam_n = 0.0
+        if self.jam_m is not None:
+            depth = trolley.beam_x_m - (queue.mouth_x_m() - self.jam_m)
+            jam_n = stop_n(self.world.stop_stiffness_n_m, depth, speed)
+        trolley.advance(force_n, moment_n_m, met_n + jam_n, self.pads, dt_s)
+        if queue.members:
+            queue.advance(met_n, dt_s)
+        queue.guide.latch(first, queue.members[0].beam_x_m if queue.members else trolley.beam_x_m)
+
+    def place_next(self, robot: Pose2, handle_x_m: float) -> None:
+        """Hand the trolley that is home over to the queue; stand the next one before the robot's open grippers.
+
+        Args:
+            robot: {F} in {L}.
+            handle_x_m: where the grippers expect the handle, in {F}.
+        """
+        draws, world = self._random, self.world
+        home = self.trolley
+        # on an uneven floor it rolls back a little once nobody pushes; the guide holds the first one
+        rolled_m = draws.uniform(0.0, world.nest_play_m) if self.queue.members else 0.0
+        self.queue.members.append(
+            Nested(home.beam_x_m - rolled_m, home.beam_y_m, home.handle.theta_rad, home.mass_kg)
         )
-        self._latch(before)
+        e_x, e_y, e_theta = (draws.uniform(-most, most) for most in world.place_error)
+        handle = robot.compose(Pose2(handle_x_m + e_x, e_y, e_theta))
+        casters = [draws.uniform(-world.caster_start_rad, world.caster_start_rad) for _ in range(2)]
+        self.trolley = Trolley(world, handle, self._mass_kg(), casters_rad=casters)
 
-    def _rub(self, v_x: float, v_y: float, w: float, dt_s: float) -> tuple[float, float, float]:
-        """Rolling and turning resistance, which stop the trolley but never drive it."""
-        loss = self.world.rolling_resistance * GRAVITY_M_S2 * dt_s
-        speed = math.hypot(v_x, v_y)
-        kept = max(0.0, 1.0 - loss / speed) if speed > 0.0 else 0.0
-        turn_loss = loss * _TURNING_LEVER_M / _YAW_RADIUS_M**2
-        return v_x * kept, v_y * kept, math.copysign(max(0.0, abs(w) - turn_loss), w)
+    def _fill(self, pitch_m: float) -> None:
+        """The trolleys that were docked before."""
+        draws, world = self._random, self.world
+        beam_x = world.guide_ramp_m[1]
+        for _ in range(world.docked):
+            beam_y = draws.uniform(-world.docked_error_m, world.docked_error_m)
+            self.queue.members.append(Nested(beam_x, beam_y, 0.0, self._mass_kg()))
+            beam_x -= pitch_m + draws.uniform(0.0, world.nest_play_m)
+        self.queue.guide.seated = world.docked > 0
 
-    def _pad_force(self) -> float:
-        """Force against driving ahead; a wheel that stands before an edge is not pushed by it."""
-        if not self.pads:
-            return 0.0
-        load = self.world.trolley_mass_kg * GRAVITY_M_S2 / len(_AXLES_BEFORE_BEAM_M)
-        total = 0.0
-        for offset in _AXLES_BEFORE_BEAM_M:
-            wheel_x = self._x_ahead(self.world.handle_to_beam_m - offset)
-            total += load * sum(pad.resistance(wheel_x) for pad in self.pads)
-        return total if self.velocity[0] > 0.0 else min(total, 0.0)
-
-    def _guide_force(self, in_bounds: bool, speed_m_s: float) -> float:
-        """Against x_L, on the beam."""
-        world, x = self.world, self.beam_x_m
-        begin, end = world.guide_ramp_m
-        if self.seated:
-            if end - _SEAT_PLAY_M <= x <= end:
-                return 0.0
-            edge = end if x > end else end - _SEAT_PLAY_M
-            return world.stop_stiffness_n_m * (x - edge) + _STOP_DAMPING_N_S_M * speed_m_s
-        if x < begin:
-            return 0.0
-        if not in_bounds:
-            return max(0.0, world.stop_stiffness_n_m * (x - begin) + _STOP_DAMPING_N_S_M * speed_m_s)
-        return world.guide_force_n * (x - begin) / (end - begin)
-
-    def _latch(self, before_m: float) -> None:
-        begin, end = self.world.guide_ramp_m
-        if not self.seated and before_m < end <= self.beam_x_m:
-            self.seated = True
-        self.lifted = not self.seated and self.beam_x_m > begin + 0.02
-
-    def _x_ahead(self, distance_m: float) -> float:
-        """Place along {L} of a point of the trolley ahead of its handle."""
-        return self.handle.x_m + distance_m * math.cos(self.handle.theta_rad)
+    def _mass_kg(self) -> float:
+        return self.world.trolley_mass_kg + self._random.uniform(0.0, self.world.trolley_load_kg)

@@ -43,6 +43,7 @@ _HOMING_ERROR = 0x2000
 _POSITION_MODES = (1, 6)
 _INT32 = 1 << 32
 Effort = Literal["none", "velocity", "torque", "position"]
+_EFFORTS: dict[int, Effort] = {1: "position", 3: "velocity", 4: "torque"}
 
 
 class Drive402(CanopenDevice):
@@ -89,7 +90,7 @@ class Drive402(CanopenDevice):
         mode = self.values[0x6061, 0]
         if self.state is not PowerState.OPERATION_ENABLED and mode != 3:
             return "position"
-        return {1: "position", 3: "velocity", 4: "torque"}.get(mode, "position")  # type: ignore[return-value]
+        return _EFFORTS.get(mode, "position")
 
     @property
     def velocity_setpoint_rad_s(self) -> float:

@@ -10,7 +10,7 @@ from common.geometry import Pose2
 from common.node import Inbox, NodeContext, Trigger
 from common.timing import NS_PER_S
 from sim.optics import Optics, View
-from sim.scenes import named_scene
+from sim.scenes import Scene, Walker, named_scene
 from sim.world_config import world_config
 from sim.world_message import WORLD
 
@@ -28,7 +28,8 @@ class SimulatedFrameSource:
         self._camera = context.config.camera
         world = world_config(context.config, str(context.config_path))
         self._optics = Optics(self._camera, context.config.leds, world.seed)
-        self._scene = self._named = named_scene(world.scene, world.seed)
+        # the world tilts the camera where the floor is uneven
+        self._scene = self._named = replace(named_scene(world.scene, world.seed), shake_rad=(0.0, 0.0))
         self._exposure_us = self._camera.exposure_us
 
     def open(self) -> None:
@@ -50,7 +51,7 @@ class SimulatedFrameSource:
             world.w_rad_s,
             # counted from the world's start, so that lamps and walkers do the same in every run
             round(world.sequence * NS_PER_S / self._camera.rate_hz),
-            self._scene,
+            self._seen_past(world.occluders),
         )
         self._optics.render(image, view)
         return Capture(world.time_ns, self._exposure_us, self._camera.gain, "simulated")
@@ -59,6 +60,12 @@ class SimulatedFrameSource:
         """From the next frame on."""
         factor = self._named.exposure_factor * exposure_us / self._camera.exposure_us
         self._scene, self._exposure_us = replace(self._named, exposure_factor=factor), exposure_us
+
+    def _seen_past(self, occluders: tuple[tuple[float, float, float], ...]) -> Scene:
+        if not occluders:
+            return self._scene
+        standing = tuple(Walker((x, y), (0.0, 0.0), 0.0, radius) for x, y, radius in occluders)
+        return replace(self._scene, walkers=self._scene.walkers + standing)
 
     def close(self) -> None:
         """Nothing to close."""

@@ -29,7 +29,7 @@ class WorldNode(Node):
         self._world = world_config(config, str(context.config_path))
         self._follower = FollowerBus.build(config.follower_can, context.config_path)
         self._leader = LeaderBus.build(config.leader_can, context.config_path)
-        self._plant = Plant(config, self._world, self._follower, self._leader)
+        self.plant = Plant(config, self._world, self._follower, self._leader)
         self._clock = context.clock
         self._can = (config.follower_can.bus, config.leader_can.bus)
         self._path = context.config_path
@@ -41,7 +41,7 @@ class WorldNode(Node):
 
     def start(self, now_ns: int) -> None:
         """Answer on both buses, as their configuration says: over socketcand, or stepped in this process."""
-        self._plant.advance(now_ns)
+        self.plant.advance(now_ns)
         buses = dict(zip((bus.channel for bus in self._can), (self._follower.bus, self._leader.bus), strict=True))
         interfaces = {bus.interface for bus in self._can}
         if interfaces == {"stepped"}:
@@ -58,7 +58,7 @@ class WorldNode(Node):
         for channel in self._ticks:
             channel.tick()
         with self._lock:
-            self._plant.advance(now_ns)
+            self.plant.advance(now_ns)
             state = self._state(now_ns)
         return ((WORLD, state),)
 
@@ -75,7 +75,7 @@ class WorldNode(Node):
                 listener = socket.create_server((bus.host, bus.port))
         except OSError as error:
             raise DeviceError(f"CAN server {bus.host}:{bus.port}: {error.strerror}") from error
-        server = CanServer(listener, buses, self._clock.now_ns, before=self._plant.advance)
+        server = CanServer(listener, buses, self._clock.now_ns, before=self.plant.advance)
         server.start()
         self._lock = server.lock
         self._devices.callback(server.stop)
@@ -83,11 +83,11 @@ class WorldNode(Node):
     def _now_ns(self) -> int:
         """The time, with the plant brought up to it."""
         now_ns = self._clock.now_ns()
-        self._plant.advance(now_ns)
+        self.plant.advance(now_ns)
         return now_ns
 
     def _state(self, now_ns: int) -> WorldState:
-        plant = self._plant
+        plant, handle = self.plant, self.plant.contact.handle
         self._sequence += 1
         return WorldState(
             sequence=self._sequence,
@@ -99,12 +99,17 @@ class WorldNode(Node):
             w_rad_s=plant.w_rad_s,
             pitch_rad=plant.pitch_rad,
             roll_rad=plant.roll_rad,
-            led_current_a=tuple(plant.led_current_a),
+            led_current_a=tuple(plant.leader.led_current_a),
             beam_x_m=plant.contact.beam_x_m,
             handle_force_n=plant.contact.handle_force_n,
             gripped=plant.contact.gripped,
             seated=plant.contact.seated,
-            locked=plant.locked,
+            locked=plant.leader.locked,
+            lifted=plant.contact.lifted,
+            lock_travel=plant.leader.travel,
+            trolley=(handle.x_m, handle.y_m, handle.theta_rad),
+            queue=plant.contact.queue.handles(),
+            occluders=plant.occluders,
         )
 
 

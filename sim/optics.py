@@ -12,10 +12,11 @@ This is the plant's own optics: it shares nothing with the estimator's projectio
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from common.config import CameraConfig, LedsConfig
 from common.frame_ring import Image
@@ -34,6 +35,8 @@ _BANK = 6
 _BANK_EXTRA_ROWS = 64
 _BLUR_STEP_PX = 0.5
 _NEAREST_M = 0.05
+_C_FROM_F = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+Images = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ class Optics:
         rows = camera.height_px + _BANK_EXTRA_ROWS
         noise = np.random.default_rng(seed).standard_normal((_BANK, rows, camera.width_px), np.float32)
         dark = noise * np.float32(_READ_NOISE * camera.gain**0.5) + np.float32(_DARK_LEVEL)
-        self._bank = np.clip(np.rint(dark), 0, 255).astype(np.uint8)
+        self._banks: dict[float, Images] = {0.0: np.clip(np.rint(dark), 0, 255).astype(np.uint8)}
 
     def render(self, out: Image, view: View) -> None:
         """Write the frame of ``view`` into ``out``, (height, width) uint8.
@@ -88,9 +91,7 @@ class Optics:
             raise ValueError(f"frame of {out.shape}, the camera has {(height, width)}")
         draws = np.random.default_rng((self._seed, view.frame_sequence))
         row = int(draws.integers(_BANK_EXTRA_ROWS))
-        np.copyto(out, self._bank[view.frame_sequence % _BANK, row : row + height])
-        if view.scene.ambient_grey > 0.0:
-            cv2.add(out, np.full(1, view.scene.ambient_grey), dst=out)
+        np.copyto(out, self._bank(view.scene)[view.frame_sequence % _BANK, row : row + height])
         self._sunlit(out, view)
         for speck in self.specks(view):
             _draw(out, speck, draws)
@@ -125,33 +126,52 @@ class Optics:
         peaks = lights.peaks(camera_l) * exposed
         if view.scene.walkers:
             peaks = np.where(hidden(lights.points, camera_l, view.scene.walkers, time_s), 0.0, peaks)
-        before = _to_camera(lights.points, view, self._camera)
-        after = _to_camera(lights.points, _after(view, self._camera.exposure_us * 1e-6), self._camera)
+        turn = _camera_attitude(view, self._camera)
+        before = _to_camera(lights.points, view.relative, self._camera, turn)
+        after = _to_camera(lights.points, self._after(view), self._camera, turn)
         peaks = np.where((before[:, 2] > _NEAREST_M) & (after[:, 2] > _NEAREST_M), peaks, 0.0)
         for points in (before, after):
             points[:, 2] = np.maximum(points[:, 2], _NEAREST_M)
         return image_of_rays(before, self._camera), image_of_rays(after, self._camera), peaks
 
+    def _after(self, view: View) -> Pose2:
+        """{L} in {F} at the end of the exposure: it moves against the Follower's twist."""
+        return move_relative(view.relative, view.v_m_s, view.w_rad_s, self._camera.exposure_us * 1e-6)
+
+    def _bank(self, scene: Scene) -> Images:
+        """The dark frames, lifted by the scene's ambient light; made once for each."""
+        if scene.ambient_grey not in self._banks:
+            self._banks[scene.ambient_grey] = np.stack(
+                [cv2.add(dark, np.full(1, scene.ambient_grey)) for dark in self._banks[0.0]]
+            ).astype(np.uint8)
+        return self._banks[scene.ambient_grey]
+
     def _sunlit(self, out: Image, view: View) -> None:
         """Sun patches in front of the camera, in place."""
         for patch in view.scene.sun:
-            corners = _to_camera(np.array(patch.corners_m), view, self._camera)
+            turn = _camera_attitude(view, self._camera)
+            corners = _to_camera(np.array(patch.corners_m), view.relative, self._camera, turn)
             if np.any(corners[:, 2] < 0.3):
                 continue
             pixels = np.rint(image_of_rays(corners, self._camera)).astype(np.int32)
             cv2.fillConvexPoly(out, np.clip(pixels, -8000, 8000), patch.grey)
 
 
-def _to_camera(points_l: Array, view: View, camera: CameraConfig) -> Array:
-    """{L} → {F} → {C}, as mounted and shaken, by rotation matrices, (n, 3)."""
-    c, s = math.cos(view.relative.theta_rad), math.sin(view.relative.theta_rad)
-    f_from_l = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    in_f = points_l @ f_from_l.T + [view.relative.x_m, view.relative.y_m, 0.0]
-    c_from_f = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+def _camera_attitude(view: View, camera: CameraConfig) -> Array:
+    """{C}, as mounted and shaken, from {F}, (3, 3)."""
     shake_pitch, shake_roll = view.scene.tilt(view.time_ns * 1e-9)
     shaken = _attitude(view.pitch_rad + shake_pitch, view.roll_rad + shake_roll, 0.0)
-    mounted = _attitude(*(float(angle) for angle in camera.mount_tilt))
-    in_camera: Array = (in_f - camera.mount) @ (mounted @ shaken @ c_from_f).T
+    mounted = _attitude(*camera.mount_tilt.tolist())
+    attitude: Array = mounted @ shaken @ _C_FROM_F
+    return attitude
+
+
+def _to_camera(points_l: Array, relative: Pose2, camera: CameraConfig, attitude: Array) -> Array:
+    """{L} → {F} → {C} by rotation matrices, (n, 3)."""
+    c, s = math.cos(relative.theta_rad), math.sin(relative.theta_rad)
+    f_from_l = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    in_f = points_l @ f_from_l.T + [relative.x_m, relative.y_m, 0.0]
+    in_camera: Array = (in_f - camera.mount) @ attitude.T
     return in_camera
 
 
@@ -167,12 +187,6 @@ def _attitude(pitch_rad: float, roll_rad: float, yaw_rad: float) -> Array:
             [-cp * sy, -sp, cp * cy],
         ]
     )
-
-
-def _after(view: View, duration_s: float) -> View:
-    """The view at the end of the exposure: {L} moves in {F} against the Follower's twist."""
-    moved = move_relative(view.relative, view.v_m_s, view.w_rad_s, duration_s)
-    return replace(view, relative=moved)
 
 
 def _draw(out: Image, speck: Speck, draws: np.random.Generator) -> None:
@@ -192,16 +206,26 @@ def _draw(out: Image, speck: Speck, draws: np.random.Generator) -> None:
         part = (k + 0.5) / steps - 0.5
         along_u = _pixel_integral(columns - (speck.u_px + part * speck.streak_px[0]))
         along_v = _pixel_integral(rows - (speck.v_px + part * speck.streak_px[1]))
-        light += np.outer(along_v, along_u) * (speck.peak / steps)
+        light += along_v[:, None] * along_u * (speck.peak / steps)
     patch = out[top:bottom, left:right]
-    noise = draws.standard_normal(light.shape) * np.sqrt(light / _ELECTRONS_PER_GREY)
-    np.copyto(patch, np.clip(np.rint(patch + light + noise), 0.0, 255.0).astype(np.uint8))
+    noise = draws.standard_normal(light.shape)
+    noise *= np.sqrt(light / _ELECTRONS_PER_GREY)
+    light += patch
+    light += noise
+    np.rint(light, out=light)
+    np.maximum(light, 0.0, out=light)
+    np.minimum(light, 255.0, out=light)
+    patch[:] = light
 
 
 def _pixel_integral(offset_px: Array) -> Array:
     """∫ exp(−|x|/w) dx over the pixel at each offset from the speck's centre."""
-    edges = np.append(offset_px - 0.5, offset_px[-1] + 0.5)
-    inside = np.exp(-np.abs(edges) / _SPECK_PX)
-    below = _SPECK_PX * np.where(edges < 0.0, inside, 2.0 - inside)
-    integral: Array = np.diff(below)
+    edges = np.empty(len(offset_px) + 1)
+    np.subtract(offset_px, 0.5, out=edges[:-1])
+    edges[-1] = offset_px[-1] + 0.5
+    below = np.exp(np.abs(edges) / -_SPECK_PX)
+    after = edges >= 0.0
+    below[after] = 2.0 - below[after]
+    below *= _SPECK_PX
+    integral: Array = below[1:] - below[:-1]
     return integral

@@ -1,8 +1,8 @@
-"""Two robots, one trolley and the floor: the physical truth that drives, I/O modules and light look at.
+"""Two robots, trolleys and the floor: the physical truth that drives, I/O modules and light look at.
 
 A model of its own, not the controller's: wheels follow their drives with a lag and, with a trolley in the
-grippers, short of what was told; the pose is integrated in 2 ms steps. Not modelled: slip,
-drift, and that the arms' forces turn the base.
+grippers, short of what was told; the pose is integrated in 2 ms steps; an uneven floor tilts the camera along the
+way. Not modelled: slip, drift, and that the arms' forces turn the base.
 """
 
 from __future__ import annotations
@@ -15,12 +15,16 @@ from common.timing import NS_PER_S
 from sim.arm import SimulatedArms
 from sim.can_nodes import FollowerBus, LeaderBus
 from sim.contact import Contact
+from sim.leader_plant import LeaderPlant
+from sim.scenes import named_scene
 from sim.world_config import WorldConfig
 
 STEP_NS = 2_000_000
-_LED_TIME_CONSTANT_S = 0.01
-_BLOCKED_TRAVEL = 0.5
-_TRAVEL_CURRENT_A, _JAM_CURRENT_A = 1.2, 6.0
+_TRACK_SHARE = 0.25
+# the next trolley comes when the Follower has stood for so long
+_STOOD_S = 0.3
+_STANDING_M_S = 0.005
+_STAGING_SLACK_M = 0.15
 
 
 class Plant:
@@ -34,39 +38,55 @@ class Plant:
         self.pitch_rad = self.roll_rad = 0.0
         self._wheel_speed = [0.0, 0.0]
         self._wheel_angle = [0.0, 0.0]
-        self._lock_travel = 0.0
-        self.led_current_a = [0.0] * len(config.leds.positions_m)
-        self.contact = Contact(world, self.pose.compose(Pose2(world.handle_x_m, 0.0, 0.0)), gripped=True)
+        handle = self.pose.compose(Pose2(world.handle_x_m, 0.0, 0.0))
+        self.contact = Contact(world, handle, gripped=True, pitch_m=config.docking.trolley_pitch_m)
+        step_s = STEP_NS / NS_PER_S
+        self.leader = LeaderPlant(world, leader, len(config.leds.positions_m), self.contact.queue.guide, step_s)
+        # what stands in the light's way: x, y in {L}, radius
+        self.occluders: tuple[tuple[float, float, float], ...] = ()
+        self._scene = named_scene(world.scene, world.seed)
+        self._driven_m = 0.0
+        self._still_s = 0.0
+        self._suspension = [0.0, 0.0]
         self.arms = SimulatedArms(config.arms, world, follower.joints, follower.grippers, follower.lift)
         self.time_ns: int | None = None
-        self._move_leader(0.0)
-
-    @property
-    def locked(self) -> bool:
-        """The actuator stands behind a beam that is in its seat."""
-        return self._lock_travel >= 1.0 and self.contact.seated
+        self._wheel_target: tuple[float, ...] = (0.0, 0.0)
+        self._wheel_share, self._tilt_share = (
+            1.0 - math.exp(-step_s / constant_s) for constant_s in (world.wheel_lag_s, world.suspension_lag_s)
+        )
 
     def advance(self, now_ns: int) -> None:
         """Simulate up to ``now_ns``, in whole steps."""
         if self.time_ns is None:
             self.time_ns = now_ns
-        while self.time_ns + STEP_NS <= now_ns:
+        steps = (now_ns - self.time_ns) // STEP_NS
+        if steps <= 0:
+            return
+        # drives are spoken to between two calls only: what they want holds, and only the last they are told counts
+        self._wheel_target = tuple(motor.velocity_setpoint_rad_s if motor.enabled else 0.0 for motor in self._wheels)
+        self.leader.listen()
+        self.arms.listen()
+        for _ in range(steps):
             self._step(STEP_NS / NS_PER_S)
-            self.time_ns += STEP_NS
+        self.time_ns += steps * STEP_NS
+        self.arms.report()
+        self.leader.report()
+        for motor, angle, speed in zip(self._wheels, self._wheel_angle, self._wheel_speed, strict=True):
+            motor.set_measured(angle, speed, 0.0)
 
     def _step(self, dt_s: float) -> None:
         v_before = self.v_m_s
         self._roll(dt_s)
         self._tilt((self.v_m_s - v_before) / dt_s, dt_s)
         self._move_trolley(dt_s)
-        self._move_leader(dt_s)
+        self.leader.step(dt_s)
+        self._fetch(dt_s)
 
     def _roll(self, dt_s: float) -> None:
         base, world = self._config.base, self._world
-        gain = 1.0 + (world.load_gain_per_kg * world.trolley_mass_kg if self.contact.gripped else 0.0)
-        follow = 1.0 - math.exp(-dt_s / world.wheel_lag_s)
-        for i, motor in enumerate(self._wheels):
-            target = motor.velocity_setpoint_rad_s if motor.enabled else 0.0
+        gain = 1.0 + (world.load_gain_per_kg * self.contact.trolley.mass_kg if self.contact.gripped else 0.0)
+        follow = self._wheel_share
+        for i, target in enumerate(self._wheel_target):
             self._wheel_speed[i] += follow * (gain * target - self._wheel_speed[i])
             self._wheel_angle[i] += self._wheel_speed[i] * dt_s
         left, right = (speed * base.wheel_radius_m for speed in self._wheel_speed)
@@ -79,14 +99,15 @@ class Plant:
             self.pose.y_m + self.v_m_s * math.sin(heading) * dt_s,
             wrap_angle(self.pose.theta_rad + self.w_rad_s * dt_s),
         )
-        for i, motor in enumerate(self._wheels):
-            motor.set_measured(self._wheel_angle[i], self._wheel_speed[i], 0.0)
 
     def _tilt(self, acceleration_m_s2: float, dt_s: float) -> None:
-        """The chassis sits back when it speeds up, and leans out of a bend."""
-        follow = 1.0 - math.exp(-dt_s / self._world.suspension_lag_s)
-        self.pitch_rad += follow * (self._world.pitch_per_m_s2 * acceleration_m_s2 - self.pitch_rad)
-        self.roll_rad += follow * (self._world.roll_per_m_s2 * self.v_m_s * self.w_rad_s - self.roll_rad)
+        """The chassis sits back when it speeds up, leans out of a bend, and follows the floor."""
+        world, suspension = self._world, self._suspension
+        suspension[0] += self._tilt_share * (world.pitch_per_m_s2 * acceleration_m_s2 - suspension[0])
+        suspension[1] += self._tilt_share * (world.roll_per_m_s2 * self.v_m_s * self.w_rad_s - suspension[1])
+        self._driven_m += (abs(self.v_m_s) + _TRACK_SHARE * abs(self.w_rad_s)) * dt_s
+        floor_pitch, floor_roll = self._scene.floor_tilt(self._driven_m)
+        self.pitch_rad, self.roll_rad = suspension[0] + floor_pitch, suspension[1] + floor_roll
 
     def _move_trolley(self, dt_s: float) -> None:
         """Arms and trolley against each other; the trolley's handle as {F} sees it, the reaction back in {L}."""
@@ -98,28 +119,20 @@ class Plant:
             c * h_y - s * h_x - self.w_rad_s * handle.x_m,
             turn - self.w_rad_s,
         )
-        f_x, f_y, moment = self.arms.advance(handle, velocity, dt_s)
+        f_x, f_y, moment = self.arms.step(handle, velocity, dt_s)
         self.contact.gripped = self.arms.holding
         self.contact.handle_force_n = f_x
-        bound = self._config.docking.lateral_bound_first_m
+        docking = self._config.docking
+        bound = docking.lateral_bound_next_m if len(self.contact.queue) else docking.lateral_bound_first_m
         self.contact.advance((c * f_x - s * f_y, s * f_x + c * f_y), moment, bound, dt_s)
 
-    def _move_leader(self, dt_s: float) -> None:
-        leader = self._leader
-        share = 1.0 - math.exp(-dt_s / _LED_TIME_CONSTANT_S)
-        for i in range(len(self.led_current_a)):
-            self.led_current_a[i] += share * (leader.led_setpoint_a(i) - self.led_current_a[i])
-            leader.set_led_current(i, self.led_current_a[i])
-        moving = leader.actuator
-        travel = self._lock_travel + moving * dt_s / self._world.lock_travel_s
-        # without a beam in its seat the guide hangs in the bolt's way
-        limit = 1.0 if self.contact.seated else _BLOCKED_TRAVEL
-        self._lock_travel = min(limit, max(0.0, travel))
-        jammed = travel > limit and limit < 1.0
-        leader.set_actuator_current(0.0 if not moving else _JAM_CURRENT_A if jammed else _TRAVEL_CURRENT_A)
-        leader.set_switches(
-            guide_lifted=self.contact.lifted,
-            beam_seated=self.contact.seated,
-            lock_extended=self._lock_travel >= 1.0,
-            lock_retracted=self._lock_travel <= 0.0,
-        )
+    def _fetch(self, dt_s: float) -> None:
+        """The next trolley, as soon as the Follower stands ready for it and the one before is locked."""
+        still = abs(self.v_m_s) < _STANDING_M_S and abs(self.w_rad_s) < _STANDING_M_S and self.arms.open
+        self._still_s = self._still_s + dt_s if still else 0.0
+        if self._still_s < _STOOD_S or not (self.contact.home and self.leader.locked):
+            return
+        docking = self._config.docking
+        staging = docking.goal(len(self.contact.queue) + 2).x_m + docking.staging_distance_m
+        if -self.pose.x_m >= staging - _STAGING_SLACK_M:
+            self.contact.place_next(self.pose, self._config.arms.handle_x_m)

@@ -15,6 +15,7 @@ import numpy as np
 from common.geometry import Pose2
 
 MAINS_HZ = 50.0
+_SHAKEN_AT_M_S = 0.3
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class SecondArray:
 
 @dataclass(frozen=True)
 class Scene:
-    """All of it. ``shake_rad`` is the amplitude of the camera's pitch and roll on an uneven floor."""
+    """All of it. ``shake_rad`` is the amplitude of the camera's pitch and roll, in time or by way."""
 
     name: str = "clean"
     ambient_grey: float = 0.0
@@ -97,6 +98,10 @@ class Scene:
             pitch * (0.6 * math.sin(2 * math.pi * 1.3 * time_s) + 0.4 * math.sin(2 * math.pi * 3.1 * time_s + 1.0)),
             roll * (0.6 * math.sin(2 * math.pi * 0.9 * time_s + 2.0) + 0.4 * math.sin(2 * math.pi * 2.3 * time_s)),
         )
+
+    def floor_tilt(self, driven_m: float) -> tuple[float, float]:
+        """The same tilt [rad] by the way driven: what it would be in time at the speed of an approach."""
+        return self.tilt(driven_m / _SHAKEN_AT_M_S)
 
     def led_factor(self, led: int, time_s: float) -> float:
         """Strength of a LED relative to its current's."""

@@ -16,8 +16,9 @@ from functools import partial
 from typing import Any
 
 from common.channels import Channel
-from common.messages import Answer, Message
+from common.messages import Answer, Header, Message, decode
 from common.node import Inbox, Node, Outbox, RequestDesk
+from common.processes import PROCESSES
 from common.timing import NS_PER_MS, SteppedClock
 
 TRANSPORT_DELAY_NS = NS_PER_MS // 3
@@ -37,6 +38,22 @@ class _Running:
     due: bool = False
 
 
+class _SharedDecoder:
+    """Decodes a payload once for all nodes that receive it: messages are frozen, the checks those of the wire."""
+
+    def __init__(self) -> None:
+        self._newest: dict[type[Any], tuple[bytes, tuple[Header, Any]]] = {}
+
+    def __call__(self, message_type: type[Any], payload: bytes) -> tuple[Header, Any]:
+        """As :func:`common.messages.decode`."""
+        known = self._newest.get(message_type)
+        if known is not None and known[0] is payload:
+            return known[1]
+        decoded: tuple[Header, Any] = decode(message_type, payload)
+        self._newest[message_type] = payload, decoded
+        return decoded
+
+
 class SteppedExecutor:
     """Runs nodes in the order of their events; ties in the order in which the events were made.
 
@@ -47,13 +64,22 @@ class SteppedExecutor:
 
     def __init__(self, nodes: Sequence[Node], clock: SteppedClock) -> None:
         self._clock = clock
+        decoder = _SharedDecoder()
         self._running = [
-            _Running(node, Inbox(clock.boot_id), Outbox(node.name, number, clock.boot_id))
+            _Running(node, Inbox(clock.boot_id, decoder), Outbox(node.name, number, clock.boot_id))
             for number, node in enumerate(nodes, start=1)
         ]
+        self._receivers: dict[str, list[tuple[_Running, bool]]] = {}
+        for running in self._running:
+            wakes = {channel.key for channel in running.node.trigger.wakes}
+            for channel in running.node.inputs:
+                self._receivers.setdefault(channel.key, []).append((running, channel.key in wakes))
         self._events: list[tuple[int, int, Callable[[], None]]] = []
         self._order = itertools.count()
         self._stack = ExitStack()
+        self._cut_ns: int | None = None
+        self._halted: set[str] = set()
+        self._robot = {entry.name: entry.robot for entry in PROCESSES}
 
     def __enter__(self) -> SteppedExecutor:
         with ExitStack() as stack:
@@ -78,6 +104,14 @@ class SteppedExecutor:
             self._clock.advance_to(time_ns)
             work()
 
+    def cut_link(self, from_ns: int) -> None:
+        """From this time on nothing passes between two robots; what is the world's own is no message to them."""
+        self._cut_ns = from_ns
+
+    def halt(self, name: str) -> None:
+        """Node ``name`` does nothing from now on, as if its process were gone."""
+        self._halted.add(name)
+
     @property
     def malformed(self) -> int:
         """Messages that a node could not decode."""
@@ -100,7 +134,15 @@ class SteppedExecutor:
         running.due = False
         self._step(running)
 
+    def _parted(self, one: _Running, other: _Running) -> bool:
+        """Whether the link between two nodes' robots is cut; a node outside the table is on no robot."""
+        assert self._cut_ns is not None
+        robots = {self._robot.get(one.node.name), self._robot.get(other.node.name)}
+        return robots == {"follower", "leader"} and self._clock.now_ns() >= self._cut_ns
+
     def _step(self, running: _Running) -> None:
+        if running.node.name in self._halted:
+            return
         now_ns = self._clock.now_ns()
         running.inbox.begin_step()
         outputs = running.node.step(now_ns, running.inbox)
@@ -117,17 +159,20 @@ class SteppedExecutor:
         elif channel.kind == "request":
             self._at(arrives_ns, partial(self._ask, sender, channel, message, payload))
         else:
-            for receiver in self._running:
-                if any(channel.key == wanted.key for wanted in receiver.node.inputs):
-                    self._at(arrives_ns, partial(self._deliver, receiver, channel, payload))
+            for receiver, wakes in self._receivers.get(channel.key, ()):
+                if self._cut_ns is not None and self._parted(sender, receiver):
+                    continue
+                self._at(arrives_ns, partial(self._deliver, receiver, wakes, channel, payload))
 
-    def _deliver(self, receiver: _Running, channel: Channel[Any], payload: bytes) -> None:
+    def _deliver(self, receiver: _Running, wakes: bool, channel: Channel[Any], payload: bytes) -> None:
         receiver.inbox.put_state(channel, payload, self._clock.now_ns())
-        if any(channel.key == wakes.key for wakes in receiver.node.trigger.wakes):
+        if wakes:
             self._wake(receiver)
 
     def _ask(self, asker: _Running, channel: Channel[Any], message: Any, payload: bytes) -> None:
         for server in self._running:
+            if self._cut_ns is not None and self._parted(asker, server):
+                continue
             if any(channel.key == served.key for served in server.node.serves):
 
                 def reply(answer: bytes) -> None:

@@ -68,6 +68,8 @@ class SteppedChannel:
         self._deliver(self._bus.handle(frame, self._now_ns()), None)
 
     def _deliver(self, frames: list[CanFrame], sender: SteppedBus | None) -> None:
+        if not frames:
+            return
         for client in self._clients:
             if client is not sender:
                 client.inbox.extend(frames)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field, field_validator, model_validator
 
-from common.config import Config, NonNegative, Positive, Section, validate
+from common.config import Config, ConfigError, NonNegative, Positive, Section, validate
 from common.geometry import Pose2, pose_from_paper_start
 from sim.scenes import named_scene
 
@@ -22,8 +22,23 @@ class WorldConfig(Section):
     start: Annotated[tuple[float, float, float], Field(description="metres behind, metres, degrees")]
     wheel_lag_s: Annotated[float, Field(gt=0, le=1)] = 0.10
     load_gain_per_kg: Annotated[float, Field(gt=-0.02, le=0)] = -0.0067
+    docked: Annotated[int, Field(ge=0, le=30, description="trolleys that stand locked in the queue already")] = 0
+    docked_error_m: Annotated[float, Field(ge=0, le=0.1, description="lateral, of those")] = 0.01
     trolley_mass_kg: Positive = 15.0
+    trolley_load_kg: Annotated[float, Field(ge=0, le=60, description="most that one carries; drawn for each")] = 0.0
     rolling_resistance: NonNegative = 0.02
+    caster_trail_m: Positive = 0.04
+    caster_friction: Annotated[float, Field(ge=0, le=0.3, description="sideways, of a caster's load")] = 0.05
+    caster_start_rad: Annotated[
+        float, Field(ge=0, le=3.2, description="most that a new trolley's casters stand off")
+    ] = 1.5
+    place_error: Annotated[
+        tuple[NonNegative, NonNegative, NonNegative], Field(description="most that a new handle is off, m, m, rad")
+    ] = (0.010, 0.010, 0.0175)
+    nest_m: Annotated[Positive, Field(description="way of a beam in the mouth of the trolley ahead")] = 0.10
+    nest_force_n: Annotated[NonNegative, Field(description="friction at the end of that way")] = 12.0
+    nest_stiffness_n_m: Positive = 100_000.0
+    nest_play_m: Annotated[float, Field(ge=0, le=0.05, description="most that a nested trolley rolls back")] = 0.02
     handle_x_m: Positive = 0.45
     handle_to_beam_m: Positive = 0.90
     joint_inertia_kg_m2: tuple[Positive, Positive, Positive] = (0.15, 0.10, 0.03)
@@ -77,4 +92,13 @@ def world_config(config: Config, origin: str) -> WorldConfig:
     Raises:
         ConfigError: it is missing or wrong.
     """
-    return validate(WorldConfig, config.world, f"{origin}: [world]")
+    world = validate(WorldConfig, config.world, f"{origin}: [world]")
+    beam = world.start_pose.compose(Pose2(world.handle_x_m + world.handle_to_beam_m, 0.0, 0.0))
+    mouth_m = world.guide_ramp_m[1] - config.docking.trolley_pitch_m * world.docked - world.nest_m
+    if (
+        world.docked
+        and beam.x_m > mouth_m - world.docked * world.nest_play_m
+        and abs(beam.y_m) < _LEADER_HALF_WIDTH_M
+    ):
+        raise ConfigError(f"{origin}: [world]: start: the trolley would stand in the queue of {world.docked}")
+    return world

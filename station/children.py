@@ -73,6 +73,15 @@ def stop_children(children: Children) -> None:
                 child.wait()
 
 
+def resident_mb(pid: int) -> float | None:
+    """Resident memory of a process that lives [MB]."""
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+    except (OSError, IndexError):
+        return None
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
 def _die_with_parent() -> None:
     """In the child: end it if the launcher is killed."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
@@ -107,6 +116,14 @@ def listening_socket() -> Iterator[socket.socket]:
     """The CAN server's socket: bound here, so that its port is known and nobody else's."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         yield server
+
+
+def with_server(overrides: Sequence[str], server: socket.socket) -> list[str]:
+    """The overrides that bring both buses to the CAN server on this socket."""
+    host, port = server.getsockname()
+    buses = [f'{bus}.bus.host="{host}"' for bus in ("follower_can", "leader_can")]
+    buses += [f"{bus}.bus.port={port}" for bus in ("follower_can", "leader_can")]
+    return [*overrides, *buses, f"world.can_server_fd={server.fileno()}"]
 
 
 @contextlib.contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -59,6 +59,7 @@ def sim(
             show_default="configuration: clean",
         ),
     ] = None,
+    trolleys: Annotated[int, typer.Option(min=1, max=30, help="to dock in a row")] = 1,
     stepped: Annotated[
         bool, typer.Option(help="one process, stepped time: deterministic, faster than real time")
     ] = False,
@@ -70,10 +71,13 @@ def sim(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """Dock one trolley with both robots, simulated. `davpc sim`"""
+    """Dock one trolley, or a queue, with both robots, simulated. `davpc sim --trolleys 8`"""
     from rich.console import Console
 
-    from station import launcher, report
+    from station import report
+    from station.launcher.processes import run_attached, run_processes
+    from station.launcher.run import Run
+    from station.launcher.stepped import run_stepped
     from station.progress import live_progress
 
     draw = _drawing(required=attach is None)
@@ -85,27 +89,28 @@ def sim(
         chosen.append(f"world.start={list(numbers(start, 3))}")
     if scene is not None:
         chosen.append(f"world.scene={json.dumps(scene)}")
-    run = launcher.Run(config or default_config_path(), chosen, out)
-    world = run.world
+    chosen_run = Run(config or default_config_path(), chosen, out, trolleys)
+    world = chosen_run.world
     x_m, y_m, theta_deg = world.start
     console.print(
         f"docking from {x_m:g},{y_m:g},{theta_deg:g} in scene {world.scene}, seed {world.seed}, "
         + ("stepped" if stepped else f"{len(PROCESSES if attach else ONE_MACHINE)} processes")
     )
-    with live_progress(console) as run.progress:
+    with live_progress(console) as chosen_run.progress:
         if attach is not None:
-            record, cause = launcher.run_attached(run, attach)
+            done = run_attached(chosen_run, attach)
         else:
-            record, cause = launcher.run_stepped(run) if stepped else launcher.run_processes(run)
+            done = run_stepped(chosen_run) if stepped else run_processes(chosen_run)
     settings = {
         "seed": world.seed,
         "start": list(world.start),
         "scene": world.scene,
         "stepped": stepped,
+        "trolleys": trolleys,
         "overrides": overrides or [],
     }
-    results = report.write_results(record, cause, settings, out)
-    drawn = draw(record, out)
+    results = report.write_results(done.records, done.cause, done.memory_mb, settings, out)
+    drawn = draw(done.records, out)
     report.print_results(results, console)
     written = [out / "results.json", *drawn]
     console.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)
@@ -113,14 +118,14 @@ def sim(
         raise typer.Exit(EXIT_NOT_DOCKED)
 
 
-def _drawing(required: bool) -> Callable[[DockingRecord, Path], list[Path]]:
+def _drawing(required: bool) -> Callable[[Sequence[DockingRecord], Path], list[Path]]:
     """What draws the pictures; nothing does, unless required, where matplotlib is not installed: on a robot."""
     try:
         from station import figures
     except ModuleNotFoundError as error:
         if required:
             raise ConfigError(f"davpc sim draws pictures with {error.name}: pip install 'davpc[plot]'") from error
-        return lambda _record, _out: []
+        return lambda _records, _out: []
     return figures.draw_all
 
 

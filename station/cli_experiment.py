@@ -146,6 +146,75 @@ def contact(
     _show(out)
 
 
+@experiment.command(epilog="Example:  davpc experiment sequential --trolleys 8 --trials 10 --jobs 2")
+def sequential(
+    trolleys: Annotated[int, typer.Option(min=1, max=30, help="in each queue")] = 8,
+    trials: Annotated[int, typer.Option(min=1, help="queues")] = 10,
+    seed: SeedOption = 1,
+    jobs: JobsOption = CORES,
+    out: Path = Path("out/sequential"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """The paper's sequential docking: errors by trolley, beside the bounds and what the smaller image allows."""
+    from experiments import sequential as module
+
+    module.run(out, seed, jobs, loaded(config, overrides), trials, trolleys)
+    _show(out)
+
+
+@experiment.command(epilog="Example:  davpc experiment scenarios --trials 20 --cases glass_hall")
+def scenarios(
+    trials: Annotated[int, typer.Option(min=1, help="dockings in each scenario")] = 20,
+    cases: CasesOption = "",
+    seed: SeedOption = 1,
+    jobs: JobsOption = CORES,
+    out: Path = Path("out/scenarios"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """The paper's real-world scenarios: dark outdoors, parking lot, glass hall."""
+    from experiments import scenarios as module
+
+    chosen = names(cases, tuple(module.SCENARIOS), "scenario")
+    module.run(out, seed, jobs, loaded(config, overrides), trials, chosen)
+    _show(out)
+
+
+@experiment.command(epilog="Example:  davpc experiment linkcut --trials 20")
+def linkcut(
+    trials: Annotated[int, typer.Option(min=1, help="pairs of runs")] = 20,
+    seed: SeedOption = 1,
+    jobs: JobsOption = CORES,
+    out: Path = Path("out/linkcut"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """The robots' link cut in the approach: the velocity commands stay equal to the bit."""
+    from experiments import linkcut as module
+
+    module.run(out, seed, jobs, loaded(config, overrides), trials)
+    _show(out)
+
+
+@experiment.command(epilog="Example:  davpc experiment incidents --trials 5 --cases 'hidden 5 s,Leader off in push'")
+def incidents(
+    trials: Annotated[int, typer.Option(min=1, help="seeds of each incident")] = 5,
+    cases: CasesOption = "",
+    seed: SeedOption = 1,
+    jobs: JobsOption = CORES,
+    out: Path = Path("out/incidents"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Hidden LEDs, jams, stuck switches, a dead LED or Leader: reaction and cause as the safety concept says."""
+    from experiments import incidents as module
+
+    chosen = names(cases, tuple(module.CASES), "incident")
+    module.run(out, seed, jobs, loaded(config, overrides), trials, chosen)
+    _show(out)
+
+
 @bench.command(epilog="Example:  davpc bench control --problems 600")
 def control(
     problems: Annotated[int, typer.Option(min=10)] = 600,

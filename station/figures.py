@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -33,16 +34,41 @@ _PHASE_COLOURS: dict[Phase, str] = {
 _LED_COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
 
 
-def draw_all(record: DockingRecord, out: Path) -> list[Path]:
-    """Write the pictures for which there is data; returns their paths."""
+def draw_all(records: Sequence[DockingRecord], out: Path) -> list[Path]:
+    """Write the pictures for which there is data; returns their paths. Of several dockings each has its own."""
     drawn = []
-    if record.truth:
-        drawn.append(draw_plan_view(record, out / "trajectory.png"))
-    if record.states:
-        drawn.append(draw_time_series(record, out / "timeseries.png"))
-    if record.picture:
-        drawn.append(draw_camera_frame(record, out / "camera_frame.png"))
+    for record in records:
+        suffix = f"-{record.trolley}.png" if len(records) > 1 else ".png"
+        if record.truth:
+            drawn.append(draw_plan_view(record, out / f"trajectory{suffix}"))
+        if record.states:
+            drawn.append(draw_time_series(record, out / f"timeseries{suffix}"))
+        if record.picture:
+            drawn.append(draw_camera_frame(record, out / f"camera_frame{suffix}"))
+    if len(records) > 1 and all(record.truth for record in records):
+        drawn.append(draw_collection(records, out / "collection.png"))
     return drawn
+
+
+def draw_collection(records: Sequence[DockingRecord], path: Path) -> Path:
+    """All ways in one plan view; lateral and heading error of each docking beside its bound."""
+    figure, (plan, lateral, heading) = plt.subplots(3, 1, figsize=(9, 9), layout="constrained")
+    for record in records:
+        poses = np.array([(sample.pose.x_m, sample.pose.y_m) for sample in record.truth])
+        plan.plot(poses[:, 0], poses[:, 1], lw=1.2, label=f"trolley {record.trolley}")
+    numbers = [record.trolley for record in records]
+    errors = [record.errors() for record in records]
+    lateral.semilogy(numbers, [error["e_y_cm"] for error in errors], "o-", color="tab:blue", label="e_y")
+    lateral.step(numbers, [100 * record.bound_m for record in records], where="mid", color="tab:red", label="bound")
+    heading.plot(numbers, [error["e_theta_deg"] for error in errors], "o-", color="tab:orange")
+    plan.set(xlabel="x in {L} [m]", ylabel="y in {L} [m]", title="Plan view of every docking, true")
+    lateral.set(xlabel="trolley", ylabel="e_y [cm]", xticks=numbers)
+    heading.set(xlabel="trolley", ylabel="e_θ [°]", xticks=numbers)
+    for axis in (plan, lateral, heading):
+        axis.grid(alpha=0.3)
+    plan.legend(fontsize=7, ncols=4)
+    lateral.legend(fontsize=8)
+    return _save(figure, path)
 
 
 def draw_plan_view(record: DockingRecord, path: Path) -> Path:
@@ -69,8 +95,10 @@ def draw_plan_view(record: DockingRecord, path: Path) -> Path:
     axes.plot(goal.x_m, goal.y_m, "k+", ms=12, label="goal")
     for sample in (record.truth[0], record.truth[-1]):
         _draw_robot(axes, sample.pose)
-    bound = record.config.docking.lateral_bound_first_m
-    axes.fill_between([goal.x_m - 0.5, goal.x_m + 0.2], -bound, bound, color="tab:green", alpha=0.25, label="±6 cm")
+    bound = record.bound_m
+    axes.fill_between(
+        [goal.x_m - 0.5, goal.x_m + 0.2], -bound, bound, color="tab:green", alpha=0.25, label=f"±{100 * bound:.0f} cm"
+    )
     leds = record.config.leds.points
     axes.plot(leds[:, 0], leds[:, 1], "r*", ms=7, label="LEDs")
     axes.set(

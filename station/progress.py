@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.table import Table
 
 from common.timing import NS_PER_MS, NS_PER_S
-from station.launcher import Progress
+from station.launcher.run import Progress
 from station.record import DockingRecord
 
 
@@ -22,12 +22,14 @@ def live_progress(console: Console) -> Iterator[Progress]:
         with Live(console=console, refresh_per_second=8, transient=True) as live:
             yield lambda record: live.update(_table(record))
     else:
-        shown: list[str] = []
+        shown: list[tuple[int, str]] = []
 
         def show(record: DockingRecord) -> None:
-            if record.phases and record.phases[-1][0] not in shown:
-                shown.append(record.phases[-1][0])
-                console.print(f"{_seconds(record):6.1f} s  {record.phases[-1][0]:10s} {_where(record)}")
+            if record.phases and (record.trolley, record.phases[-1][0]) not in shown:
+                shown.append((record.trolley, record.phases[-1][0]))
+                waiting = f"  waits for {record.mission.waiting}" if record.mission and record.mission.waiting else ""
+                line = f"{_seconds(record):6.1f} s  {record.trolley}  {record.phases[-1][0]:10s} {_where(record)}"
+                console.print(line + waiting, soft_wrap=True)
 
         yield show
 
@@ -35,7 +37,9 @@ def live_progress(console: Console) -> Iterator[Progress]:
 def _table(record: DockingRecord) -> Table:
     table = Table.grid(padding=(0, 2))
     state, drives, leader = record.states[-1] if record.states else None, record.drives, record.leader
-    table.add_row("[bold]phase", f"[bold cyan]{record.phase}[/]  {_seconds(record):.1f} s")
+    waiting = f"  waits for {record.mission.waiting}" if record.mission and record.mission.waiting else ""
+    table.add_row("[bold]phase", f"[bold cyan]{record.phase}[/]  {_seconds(record):.1f} s{waiting}")
+    table.add_row("trolley", str(record.trolley))
     table.add_row("pose", _where(record))
     if state is not None:
         age_ms = (record.newest_stamp_ns - state.capture_ns) / 1e6

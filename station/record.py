@@ -32,13 +32,14 @@ class TrueSample:
 
 @dataclass
 class DockingRecord:
-    """Collects one docking's messages; ``take`` each as it comes, in the order of its channel.
+    """Collects the messages of docking ``trolley``; ``take`` each as it comes, in the order of its channel.
 
     Channels of the simulated world bring the truth through :meth:`take_truth`; without it the errors are None.
     """
 
     config: Config
     runtime: Path
+    trolley: int = 1
     truth: list[TrueSample] = field(default_factory=list)
     states: list[DockingState] = field(default_factory=list)
     commands: list[Command] = field(default_factory=list)
@@ -53,6 +54,7 @@ class DockingRecord:
     stamps_ns: dict[str, int] = field(default_factory=dict)
     _frames: deque[Frame] = field(default_factory=lambda: deque(maxlen=6))
     _reader: FrameReader | None = None
+    _interventions_before: int = 0
     _approach_commands: list[Command] = field(default_factory=list)
 
     CHANNELS: ClassVar[tuple[Channel[Any], ...]] = (
@@ -80,6 +82,8 @@ class DockingRecord:
             case DockingState():
                 self.states.append(message)
                 self._photograph(message)
+            case Mission() if message.trolley != self.trolley:
+                pass  # of the docking before
             case Mission():
                 self.mission = message
                 if not self.phases or self.phases[-1][0] != message.phase:
@@ -90,6 +94,8 @@ class DockingRecord:
                     self._approach_commands.append(message)
             case Drives():
                 self._time_command(message)
+                if self.drives is None and self.trolley > 1:
+                    self._interventions_before = message.gate_interventions
                 self.drives = message
             case ArmState():
                 self.arms = message
@@ -125,7 +131,13 @@ class DockingRecord:
 
     def goal(self) -> Pose2:
         """Desired pose of {L} in {F}."""
-        return self.config.docking.goal(self.mission.trolley if self.mission else 1)
+        return self.config.docking.goal(self.trolley)
+
+    @property
+    def bound_m(self) -> float:
+        """On the lateral error of this trolley."""
+        docking = self.config.docking
+        return docking.lateral_bound_first_m if self.trolley == 1 else docking.lateral_bound_next_m
 
     # --- what came out
 
@@ -184,18 +196,19 @@ class DockingRecord:
     def results(self, cause: str) -> dict[str, Any]:
         """The content of ``results.json``; ``cause`` is what ended the run, if not the docking itself."""
         errors = self.errors()
-        bound_cm = 100 * self.config.docking.lateral_bound_first_m
+        bound_cm = 100 * self.bound_m
         lateral_cm = errors["e_y_cm"]
-        locked = self.leader is not None and self.leader.lock == "locked"
+        locked = self._locked()
         within = lateral_cm is not None and lateral_cm <= bound_cm
         connected = locked and within and self.phase == "done" and not cause
         start_ns = self.phase_start_ns("acquire")
         end_ns = self.phases[-1][1] if self.phases else 0
         m_v, m_w = self.smoothness()
-        last = self.states[-1] if self.states else None
+        first, last = (self.states[0], self.states[-1]) if self.states else (None, None)
         latency = np.array(self.image_to_can_ms) if self.image_to_can_ms else None
         reason = cause or (self.mission.cause if self.mission else "") or ("docked" if connected else "not_docked")
         return {
+            "trolley": self.trolley,
             "connected": connected,
             "cause": reason,
             "metrics": {
@@ -205,8 +218,8 @@ class DockingRecord:
                 "duration_s": (end_ns - start_ns) / NS_PER_S if start_ns is not None else 0.0,
             },
             "frames": {
-                "seen": last.frames_seen if last else 0,
-                "dropped": last.frames_dropped if last else 0,
+                "seen": last.frames_seen - max(0, first.frames_seen - 1) if last and first else 0,
+                "dropped": last.frames_dropped - first.frames_dropped if last and first else 0,
             },
             "image_to_can_ms": {
                 "p50": float(np.percentile(latency, 50)) if latency is not None else None,
@@ -214,9 +227,14 @@ class DockingRecord:
             },
             "control_hz": self.control_rate_hz(),
             "rearmed": max(0, sum(name == "acquire" for name, _ in self.phases) - 1),
-            "gate_interventions": self.drives.gate_interventions if self.drives else 0,
+            "gate_interventions": self.drives.gate_interventions - self._interventions_before if self.drives else 0,
             "phases_s": self._phase_durations(),
         }
+
+    def _locked(self) -> bool:
+        """The Leader says that this trolley is locked; its count is unknown to it after a restart."""
+        leader = self.leader
+        return leader is not None and leader.lock == "locked" and leader.queue in (None, self.trolley)
 
     def _phase_durations(self) -> dict[str, float]:
         following = [stamp for _, stamp in self.phases[1:]]

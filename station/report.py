@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from rich.table import Table
 from experiments.results import write_json
 from station.record import DockingRecord
 
+Memory = dict[str, list[tuple[float, float]]]
 # the paper's mean for the first trolley on the real robots, its Table I row for the rest
 _PAPER = {
     "e_y_cm": "1.69",
@@ -22,8 +24,9 @@ _PAPER = {
     "m_v": "0.010",
     "m_w": "0.057",
 }
-# what a run leaves in its folder, beside its logs
-OUTPUTS = ("results.json", "trajectory.png", "timeseries.png", "camera_frame.png")
+RESULTS = "results.json"
+# what runs leave in their folder, beside their logs
+OUTPUTS = (RESULTS, "trajectory*.png", "timeseries*.png", "camera_frame*.png", "collection.png")
 _LABELS = {
     "e_x_cm": "e_x  normal error, cm",
     "e_y_cm": "e_y  lateral error, cm",
@@ -40,15 +43,37 @@ def machine() -> dict[str, Any]:
     return {"cores": os.cpu_count(), "system": platform.system(), "python": platform.python_version()}
 
 
-def write_results(record: DockingRecord, cause: str, settings: dict[str, Any], out: Path) -> dict[str, Any]:
-    """Write ``results.json`` to ``out`` and return its content, None for what is no number."""
-    results = {**record.results(cause), "settings": settings, "machine": machine()}
+def write_results(
+    records: Sequence[DockingRecord], cause: str, memory_mb: Memory, settings: dict[str, Any], out: Path
+) -> dict[str, Any]:
+    """Write ``results.json`` to ``out`` and return its content, None for what is no number.
+
+    One docking is the file's content itself; of several each is an entry of ``trolleys``.
+    """
+    last = len(records) - 1
+    rows = [record.results(cause if i == last else "") for i, record in enumerate(records)]
+    if settings["trolleys"] == 1:
+        content = rows[0]
+    else:
+        complete = len(rows) == settings["trolleys"] and all(row["connected"] for row in rows)
+        content = {"connected": complete, "cause": rows[-1]["cause"], "trolleys": rows}
+    if memory_mb:
+        content = {**content, "memory_mb": {name: _memory(samples) for name, samples in memory_mb.items() if samples}}
+    content = {**content, "settings": settings, "machine": machine()}
     out.mkdir(parents=True, exist_ok=True)
-    return write_json(out / "results.json", results)
+    return write_json(out / RESULTS, content)
+
+
+def _memory(samples: list[tuple[float, float]]) -> dict[str, Any]:
+    """Resident memory at a quarter of the run, when all is warm, and at its end; the samples by time."""
+    return {"quarter": samples[len(samples) // 4][1], "end": samples[-1][1], "samples": samples}
 
 
 def print_results(results: dict[str, Any], console: Console) -> None:
-    """The result table."""
+    """The result table: of one docking in full, of several a row for each."""
+    if "trolleys" in results:
+        _print_collection(results, console)
+        return
     docked = results["connected"]
     title = "[green]docked: trolley locked, Follower retracted" if docked else f"[red]not docked: {results['cause']}"
     table = Table(title=title, title_justify="left")
@@ -64,6 +89,27 @@ def print_results(results: dict[str, Any], console: Console) -> None:
     phases = "  ".join(f"{name} {seconds:.1f}" for name, seconds in results["phases_s"].items())
     table.add_row("phases, s", phases, "")
     console.print(table)
+
+
+def _print_collection(results: dict[str, Any], console: Console) -> None:
+    rows, wanted = results["trolleys"], results["settings"]["trolleys"]
+    count = sum(row["connected"] for row in rows)
+    text = f"{count} of {wanted} trolleys docked and locked"
+    title = f"[green]{text}" if results["connected"] else f"[red]{text}: {results['cause']}"
+    table = Table(title=title, title_justify="left")
+    for heading in ("trolley", "e_x cm", "e_y cm", "e_θ °", "e_p px", "duration s", "image → CAN p99 ms", "ended"):
+        table.add_column(heading, justify="right")
+    for row in rows:
+        metrics = row["metrics"]
+        cells = [metrics[key] for key in ("e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px", "duration_s")]
+        ended = "locked" if row["connected"] else row["cause"]
+        latency = _number(row["image_to_can_ms"]["p99"])
+        table.add_row(str(row["trolley"]), *map(_number, cells), latency, ended)
+    console.print(table)
+    memory = results.get("memory_mb", {})
+    if memory:
+        grown = [f"{name} {m['quarter']:.0f} → {m['end']:.0f}" for name, m in memory.items()]
+        console.print(f"resident memory, MB, at a quarter of the run → at its end: {', '.join(grown)}")
 
 
 def _number(value: float | None) -> str:

@@ -14,7 +14,7 @@ import pytest
 
 from common.config import default_config_path
 from common.processes import PROCESSES
-from station import children, launcher
+from station import children
 from tests.system.conftest import until
 
 pytestmark = pytest.mark.alone
@@ -29,7 +29,7 @@ def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setattr(children, "ONE_MACHINE", some)
     started: children.Children = {}
     with children.runtime_directory() as runtime, children.listening_socket() as server:
-        overrides = launcher._with_server([], server)
+        overrides = children.with_server([], server)
         try:
             children.start_children(started, default_config_path(), overrides, runtime, tmp_path, server.fileno())
             until(lambda: all((tmp_path / f"{name}.log").read_text().count(" ready") for name in NEEDED), 30)

@@ -62,6 +62,18 @@ def test_stepped_dockings_are_bit_identical(sim_run: Any) -> None:
     assert (first.out / "camera_frame.png").read_bytes() == (second.out / "camera_frame.png").read_bytes()
 
 
+def test_a_stepped_queue_of_two_is_docked_and_counted(sim_run: Any) -> None:
+    run = sim_run("--stepped", "--trolleys", "2", "--start", "2.4,0.08,2")
+    assert run.finish() == 0, "".join(run.lines)
+    results = run.results()
+    assert results["connected"]
+    assert [row["trolley"] for row in results["trolleys"]] == [1, 2]
+    assert all(is_docked(row) for row in results["trolleys"]), results
+    assert "staging" in results["trolleys"][1]["phases_s"]
+    for picture in ("collection.png", "trajectory-1.png", "trajectory-2.png", "camera_frame-2.png"):
+        assert (run.out / picture).stat().st_size > 10_000
+
+
 def test_the_papers_estimator_docks_too(sim_run: Any) -> None:
     run = sim_run("--stepped", "--start", "2.4,0.08,2", "--set", "estimator.method='paper'")
     assert run.finish() == 0, "".join(run.lines)

@@ -16,7 +16,8 @@ from common.geometry import Pose2
 from experiments.contact import Job, push_job, run
 from experiments.contact_bench import BenchMotor, ContactBench, Sample
 from sim.arm import SimulatedArms
-from sim.contact import Contact, RubberPad
+from sim.contact import Contact
+from sim.trolley import RubberPad
 from sim.world_config import WorldConfig, world_config
 
 DT_S = 0.002
