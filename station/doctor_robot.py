@@ -42,12 +42,12 @@ def check_limits(limits: LimitsConfig) -> Finding:
 
 def check_drivers(config: Config, on_hardware: bool) -> Finding:
     """Whether camera and buses are real, on a computer that was installed for a real robot."""
-    simulated = ["camera.driver"] if config.camera.driver == "sim" else []
+    stand_ins = ["camera.driver"] if config.camera.driver == "sim" else []
     buses = (("follower_can", config.follower_can.bus), ("leader_can", config.leader_can.bus))
-    simulated += [f"{name}.bus" for name, bus in buses if bus.interface != "socketcan"]
+    stand_ins += [f"{name}.bus" for name, bus in buses if bus.interface != "socketcan"]
     text = f"camera {config.camera.driver}, buses {', '.join(bus.interface for _, bus in buses)}"
-    if on_hardware and simulated:
-        return failed("drivers", f"simulated on a robot: {', '.join(simulated)}", "name the real ones")
+    if on_hardware and stand_ins:
+        return failed("drivers", f"simulated on a robot: {', '.join(stand_ins)}", "name the real ones")
     if config.follower_can.shadow:
         return warning("drivers", f"{text}; follower_can.shadow", "no drive is ever enabled: set it false to drive")
     return ok("drivers", text)

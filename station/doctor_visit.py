@@ -255,6 +255,6 @@ class Pair:
 def default_robots(role: tuple[str, str] | None) -> tuple[Robot, ...]:
     """Whose parts to look at if nobody says so: those of the installed robot, else both."""
     known: tuple[Robot, ...] = ("follower", "leader")
-    if role is None or role[1] == "simulated":
+    if role is None or role[1] != "hardware":
         return known
     return tuple(robot for robot in known if robot == role[0]) or known
