@@ -98,7 +98,8 @@ class StopRobot:
             stack.callback(self._kill_all)
             for entry in ONE_MACHINE:
                 self._children[entry.name] = self._starter.start(entry.name)
-            self._bus = stack.enter_context(Bus(_STATION, runtime, earlier_processes(_STATION)))
+            namespace = self.config.network.namespace
+            self._bus = stack.enter_context(Bus(_STATION, runtime, earlier_processes(_STATION), namespace))
             self._outbox = Outbox(_STATION, secrets.randbits(62), self._clock.boot_id)
             self._bus.subscribe(WORLD, self._see_world)
             self._bus.subscribe(MISSION, self._see_mission)

@@ -69,9 +69,13 @@ def open_link(runtime: Path | None) -> Iterator[RobotLink]:
     """The robot that runs here, or in the named folder."""
     from station.robot_link import RobotLink, running_robot
 
-    namespace = load_config(default_config_path()).network.namespace
-    with RobotLink(running_robot(runtime), namespace) as link:
+    with RobotLink(running_robot(runtime), configured_namespace()) as link:
         yield link
+
+
+def configured_namespace() -> str:
+    """The Zenoh namespace of this computer's pair."""
+    return load_config(default_config_path()).network.namespace
 
 
 def running_folder() -> Path:

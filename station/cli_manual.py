@@ -9,15 +9,16 @@ import sys
 import termios
 import tty
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from common.node import DeviceError
-from station.cli_options import ROBOT, RuntimeOption
+from station.answers import RunningOption, configured_namespace
 
 if TYPE_CHECKING:
-    from station.manual import Felt
+    from station.manual import Felt, ManualLink
 
 _LIFT_TOLERANCE_M = 0.0005
 
@@ -26,15 +27,15 @@ def jog(
     speed: Annotated[float, typer.Option(min=-0.1, max=0.1, help="m/s, negative backwards")] = 0.0,
     turn: Annotated[float, typer.Option(min=-0.3, max=0.3, help="rad/s, to the left")] = 0.0,
     seconds: Annotated[float, typer.Option(min=0, help="0: until Ctrl-C")] = 0,
-    runtime: RuntimeOption = ROBOT,
+    runtime: RunningOption = None,
 ) -> None:
     """Move the robot by hand: with neither --speed nor --turn by the arrow keys, for as long as one is held."""
-    from station.manual import Keys, ManualLink
+    from station.manual import Keys
 
     by_keys = not speed and not turn
     if by_keys and not sys.stdin.isatty():
         raise typer.BadParameter("give --speed or --turn, or hold arrow keys at a terminal")
-    with _held() as let_go, ManualLink(runtime) as link, _keyboard(by_keys) as typed:
+    with _held() as let_go, _hand_on(runtime) as link, _keyboard(by_keys) as typed:
         keys = Keys(0.05, 0.2)
         since_ns: list[int] = []
 
@@ -53,10 +54,10 @@ def jog(
 
 def grip(
     action: Annotated[Literal["open", "close"], typer.Argument(help="what the fingers do; the arms stay")],
-    runtime: RuntimeOption = ROBOT,
+    runtime: RunningOption = None,
 ) -> None:
     """Open or close both grippers; letting go with Ctrl-C holds them as they are."""
-    from station.manual import Fingers, ManualLink
+    from station.manual import Fingers
 
     wanted: Literal["open", "closed"] = "open" if action == "open" else "closed"
     fingers = Fingers(wanted)
@@ -66,7 +67,7 @@ def grip(
         last[:] = [felt]
         return None if let_go() else fingers.step(felt)
 
-    with _held() as let_go, ManualLink(runtime) as link:
+    with _held() as let_go, _hand_on(runtime) as link:
         _end(link.hold(steer, grip=wanted), let_go)
     arms = last[0].arms if last else None
     state = "open" if arms and arms.released else "hold something" if arms and arms.gripped else "hold nothing"
@@ -77,11 +78,9 @@ def grip(
 
 def lift(
     height_mm: Annotated[float, typer.Argument(metavar="MM", min=0, max=1000, help="above its lowest place")],
-    runtime: RuntimeOption = ROBOT,
+    runtime: RunningOption = None,
 ) -> None:
     """Move the lift to a height; letting go with Ctrl-C holds it where it is."""
-    from station.manual import ManualLink
-
     wanted_m = height_mm / 1000.0
     reached: list[float] = []
 
@@ -91,11 +90,19 @@ def lift(
         there = bool(reached) and abs(reached[0] - wanted_m) <= _LIFT_TOLERANCE_M
         return None if there or let_go() else (0.0, 0.0)
 
-    with _held() as let_go, ManualLink(runtime) as link:
+    with _held() as let_go, _hand_on(runtime) as link:
         _end(link.hold(steer, lift_m=wanted_m), let_go)
     typer.echo(f"lift at {1000.0 * reached[0]:.1f} mm" if reached else "the lift did not move")
     if not reached or abs(reached[0] - wanted_m) > _LIFT_TOLERANCE_M:
         raise typer.Exit(1)
+
+
+def _hand_on(runtime: Path | None) -> ManualLink:
+    """The connection to the robot that runs here, or in the named folder."""
+    from station.manual import ManualLink
+    from station.robot_link import running_robot
+
+    return ManualLink(running_robot(runtime), configured_namespace())
 
 
 def _end(cause: str, let_go: Callable[[], bool]) -> None:

@@ -43,17 +43,16 @@ class ManualLink:
 
     Args:
         runtime: folder of the running robot's sockets.
+        namespace: of the pair.
     """
 
-    def __init__(self, runtime: Path) -> None:
-        if not (runtime / "follower-supervisor.sock").exists():
-            raise DeviceError(f"{runtime}: no robot runs here; name its folder with --runtime")
+    def __init__(self, runtime: Path, namespace: str) -> None:
         self._clock = MonotonicClock()
         self._inbox = Inbox(self._clock.boot_id)
         self._outbox = Outbox(OPERATOR, secrets.randbits(62), self._clock.boot_id)
         self._sequence = 0
         self._asked = False
-        self._bus = Bus(OPERATOR, runtime, earlier_processes(OPERATOR))
+        self._bus = Bus(OPERATOR, runtime, earlier_processes(OPERATOR), namespace)
         for channel in (MISSION, DRIVES, ARM_STATE):
             self._bus.subscribe(channel, self._receiver(channel))
 
