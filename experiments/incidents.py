@@ -67,6 +67,9 @@ CASES = {
         # so near its place only the seat's switch tells
         Case("late jam of trolley 1", "jam", "approach", ("contact_early", "lock_refused"), jam_m=0.05),
         Case("jam of trolley 2", "jam", "approach", ("contact_early",), trolley=2),
+        Case(
+            "late jam of trolley 2", "jam", "approach", ("contact_early", "contact_elsewhere"), trolley=2, jam_m=0.05
+        ),
         Case("lock switch stuck open", "switch_open", "approach", ("lock_refused", "lock_timeout")),
         Case("lock switch stuck closed", "switch_closed", "idle", ("acquire_timeout", "lock_implausible")),
         *(Case(f"LED dies in {phase}", "led", phase, ("done", "few_leds"), holds=False) for phase in _LED_PHASES),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from common.config import ArmsConfig, BaseConfig
 from common.geometry import Pose2
 from common.kinematics import twist_from_wheels
@@ -18,6 +20,8 @@ _PUSH_N_S = 60.0
 _PUSH_SHARE = 0.7
 _DRIVING_M_S = 0.01
 _ACCELERATION_FILTER_S = 0.05
+# how fast a handle that stands askew as the drives begin to obey is brought before the chassis
+_STRAIGHTEN_M_S, _STRAIGHTEN_RAD_S = 0.03, 0.06
 
 
 class HandleHold:
@@ -39,6 +43,7 @@ class HandleHold:
         self._dt_s = _NOMINAL_STEP_S
         self._speed_m_s = self._acceleration_m_s2 = 0.0
         self._push_n = 0.0
+        self._askew = 0.0, 0.0
         self._holding = False
         self._epoch = -1
         self._cause: ArmCause = "ok"
@@ -77,16 +82,26 @@ class HandleHold:
         obeyed = drives.state == "armed" and self._cause == "ok"
         if drives.state != "armed":
             self._grasp.restart(posture.handle.x_m, drives.grip_angle_rad, drives.lift_m)
+            self._askew = posture.handle.y_m, posture.handle.theta_rad
         if mission.phase == "manual" or mission.grip == "stay":
             grasp = self._grasp.in_place(mission.grip, mission.lift_m, drives.grip_angle_rad, self._dt_s)
         else:
             grasp = self._grasp.step(mission.grip, drives.grip_angle_rad, drives.lift_m, self._dt_s)
+            self._straighten()
         self._holding = grasp.stage == "hold"
         self._push(drives, obeyed and self._holding)
-        reference = Pose2(grasp.handle_x_m, 0.0, 0.0) if obeyed else posture.handle
+        reference = Pose2(grasp.handle_x_m, *self._askew) if obeyed else posture.handle
         torques = self._impedance.torques(posture, reference, self._push_n, grasp.firmness if obeyed else 0.0)
         grip = grasp.grip_torque_n_m
         return ArmSetpoint(mission.epoch, torques, (grip, grip), grasp.lift_m)
+
+    def _straighten(self) -> None:
+        """Bring the reference before the chassis without a jump, which would be felt as a collision."""
+        steps = _STRAIGHTEN_M_S * self._dt_s, _STRAIGHTEN_RAD_S * self._dt_s
+        aside_m, turned_rad = (
+            math.copysign(max(0.0, abs(value) - step), value) for value, step in zip(self._askew, steps, strict=True)
+        )
+        self._askew = aside_m, turned_rad
 
     def _time(self, drives: Drives) -> None:
         """Step length and acceleration from the measurement's own stamps."""

@@ -45,7 +45,7 @@ class Limits:
     ``margin`` of the best χ² (or below its bound) makes the match ambiguous. With one LED missing, three spots
     among more than ``most_for_partial`` prove nothing, neither do three beside a fourth of like brightness, nor
     three that a mirror image explains as well.
-    Above ``most_for_loose`` spots ``chi2_full`` falls with their number: so many chances has coincidence.
+    Above ``most_for_loose`` spots ``chi2_full`` falls with their number squared: so many chances has coincidence.
     """
 
     chi2_full: float = 15.0
@@ -112,7 +112,7 @@ class Identifier:
         if not len(assignments):
             return "no_match"
         missing = (assignments < 0).sum(axis=1)
-        full = self._limits.chi2_full * min(1.0, self._limits.most_for_loose / len(features))
+        full = self._limits.chi2_full * min(1.0, self._limits.most_for_loose / len(features)) ** 2
         if allow_partial:
             assignments, starts, missing = _with_one_left_out(assignments, starts, missing)
         for absent, bound in ((0, full), (1, self._limits.chi2_partial)):

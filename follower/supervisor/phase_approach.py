@@ -93,14 +93,7 @@ class Approach(PhaseLogic):
         if pause.lost_s > self.limits.lost_timeout_s:
             blind = self.attempt.blind(seen)
             if not blind:
-                code = (
-                    "few_leds"
-                    if "few LEDs" in pause.reason
-                    else "lock_disagrees"
-                    if "where" in pause.reason
-                    else "unwell"
-                )
-                return failed(f"{code}: {pause.reason}")
+                return failed(f"{pause.code}: {pause.reason}")
             refusal = search_refusal(self.attempt, seen)
             return failed(refusal) if refusal else Verdict("leds_lost")
         return Orders(waiting=pause.reason or "health")

@@ -10,6 +10,7 @@ from follower.supervisor.observed import Observed, Orders, Verdict, straight
 from follower.supervisor.phase import PhaseLogic, failed
 
 _STROKE_SHARE = 0.8
+_SHORT_M = 0.015  # a good push ends up to 4 cm beyond its stroke, as the play of the queue closes; none ends before
 _SPARE_S = 3.0
 
 
@@ -92,10 +93,16 @@ class Push(_Ahead):
         return Verdict("connected")
 
     def _visual_error_m(self, state: DockingState, pushed_m: float) -> float:
-        """Between where the LEDs say that the push ended and where it should: along, and beyond the bound across."""
+        """Between where the LEDs say that the push ended and where it should: along, and beyond the bound across.
+
+        Along against the wheels, which slip, and against the whole stroke: a trolley that stands against something
+        before its place is rigid too, and of a later one no switch tells.
+        """
         docking, goal = self.attempt.config.docking, self.attempt.goal
         c, s = math.cos(state.theta_rad), math.sin(state.theta_rad)
         behind_m = state.x_m * c + state.y_m * s
         across_m = abs(state.x_m * s - state.y_m * c)
         bound_m = docking.lateral_bound_first_m if self.attempt.trolley == 1 else docking.lateral_bound_next_m
-        return max(abs(goal.x_m - pushed_m - behind_m), across_m - bound_m)
+        short_m = behind_m - (goal.x_m - docking.push_stroke_m) - _SHORT_M
+        by_wheels_m = abs(goal.x_m - pushed_m - behind_m)
+        return math.inf if short_m > 0.0 else max(by_wheels_m, across_m - bound_m)

@@ -55,8 +55,10 @@ def ends_by_itself(walk: DockingWalk, silent: bool) -> None:
 
 def test_walks_together_see_every_phase_and_most_ways(config: Config) -> None:
     taken: set[tuple[str, str]] = set()
+    # a random walk does not stay at the goal for long
+    hasty = config.model_copy(update={"docking": config.docking.model_copy(update={"settle_s": 0.5})})
     for seed in range(100, 100 + WALKS):
-        walk = DockingWalk(config, seed)
+        walk = DockingWalk(hasty, seed)
         before: str = "idle"
         for _ in range(2000):
             walk.step()

@@ -110,7 +110,7 @@ class Bench:
 
     def to_insert(self) -> None:
         self.to_approach()
-        assert self.run(0.7, **self.there(self.config.docking.goal(1))) == "insert"
+        assert self.run(self.config.docking.settle_s + 0.2, **self.there(self.config.docking.goal(1))) == "insert"
 
     def to_push(self) -> None:
         self.to_insert()
