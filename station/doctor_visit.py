@@ -160,7 +160,7 @@ class Pair:
                 if state is None
                 else doctor_robot.seen_by_estimator(state, total)
             )
-        elif not self.visit.devices or camera.driver == "sim" or self.ears.value is None:
+        elif not self.visit.devices or camera.driver in doctor_robot.WITHOUT_DEVICE or self.ears.value is None:
             for check in ("camera rate", "LEDs seen"):
                 yield skipped(check, "the camera's process does not run, or cannot be heard")
         else:
@@ -255,6 +255,6 @@ class Pair:
 def default_robots(role: tuple[str, str] | None) -> tuple[Robot, ...]:
     """Whose parts to look at if nobody says so: those of the installed robot, else both."""
     known: tuple[Robot, ...] = ("follower", "leader")
-    if role is None or role[1] == "simulated":
+    if role is None or role[1] != "hardware":
         return known
     return tuple(robot for robot in known if robot == role[0]) or known
