@@ -13,6 +13,8 @@ from station.calibration_file import StoredCalibration, age_days, differences
 from station.doctor import Finding, Seen, failed, ok, skipped, warning
 
 OLD_DAYS = 180
+# frame sources that stand in for a camera
+WITHOUT_DEVICE = ("sim", "replay")
 _BITS_PER_PIXEL = 8
 # share of a link's nominal speed that images can use: USB 3 has 8b/10b coding and protocol, USB 2 the like
 _LINK_SHARE = 0.75
@@ -42,7 +44,7 @@ def check_limits(limits: LimitsConfig) -> Finding:
 
 def check_drivers(config: Config, on_hardware: bool) -> Finding:
     """Whether camera and buses are real, on a computer that was installed for a real robot."""
-    stand_ins = ["camera.driver"] if config.camera.driver == "sim" else []
+    stand_ins = ["camera.driver"] if config.camera.driver in WITHOUT_DEVICE else []
     buses = (("follower_can", config.follower_can.bus), ("leader_can", config.leader_can.bus))
     stand_ins += [f"{name}.bus" for name, bus in buses if bus.interface != "socketcan"]
     text = f"camera {config.camera.driver}, buses {', '.join(bus.interface for _, bus in buses)}"
@@ -66,8 +68,8 @@ def check_calibration(
         path: of the calibration.
     """
     again = "davpc calibrate camera --live, then its table lens into camera.lens"
-    if camera.driver == "sim":
-        return skipped("calibration", "the camera is simulated: its lens is the configured one")
+    if camera.driver in WITHOUT_DEVICE:
+        return skipped("calibration", f"driver {camera.driver} has no lens but the configured one")
     if not camera.calibration:
         return failed("calibration", "camera.calibration names none", again)
     if told.value is None:
@@ -117,7 +119,7 @@ def check_camera_rate(stamps_ns: Sequence[int], missing: int, wanted_hz: float, 
 
 def check_camera_link(speed: Seen[float], camera: CameraConfig) -> Finding:
     """USB speed in Mbit/s against what the images need."""
-    if camera.driver in ("sim", "replay"):
+    if camera.driver in WITHOUT_DEVICE:
         return skipped("camera link", f"driver {camera.driver} has none")
     if speed.value is None:
         return skipped("camera link", speed.why)

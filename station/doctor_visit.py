@@ -160,7 +160,7 @@ class Pair:
                 if state is None
                 else doctor_robot.seen_by_estimator(state, total)
             )
-        elif not self.visit.devices or camera.driver == "sim" or self.ears.value is None:
+        elif not self.visit.devices or camera.driver in doctor_robot.WITHOUT_DEVICE or self.ears.value is None:
             for check in ("camera rate", "LEDs seen"):
                 yield skipped(check, "the camera's process does not run, or cannot be heard")
         else:

@@ -192,7 +192,7 @@ def test_calibration(config: Config) -> None:
     told(check(changed(good, date="yesterday")), "failed", "date")
     told(check_calibration(Seen(why="no such file"), camera, "", TODAY, FILE), "failed", "no such file")
     told(check_calibration(Seen(), changed(camera, calibration=""), "", TODAY, FILE), "failed", "names none")
-    told(check_calibration(Seen(), config.camera, "", TODAY, FILE), "skipped", "simulated")
+    told(check_calibration(Seen(), config.camera, "", TODAY, FILE), "skipped", "driver sim")
 
 
 def test_camera(config: Config) -> None:
