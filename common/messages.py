@@ -10,7 +10,7 @@ import struct
 import zlib
 from dataclasses import asdict
 from functools import cache
-from typing import Annotated, Any, ClassVar, Literal, Protocol, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Protocol, TypeVar, get_args
 
 import msgpack
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
@@ -42,21 +42,7 @@ Phase = Literal[
     "aborted",
     "manual",
 ]
-PHASES: tuple[Phase, ...] = (
-    "idle",
-    "staging",
-    "acquire",
-    "search",
-    "approach",
-    "insert",
-    "push",
-    "lock",
-    "release",
-    "retract",
-    "done",
-    "aborted",
-    "manual",
-)
+PHASES: tuple[Phase, ...] = get_args(Phase)
 Method = Literal["paper", "davpc"]
 StateCause = Literal[
     "ok",

@@ -23,7 +23,7 @@ from common.config import load_config
 from common.executor import earlier_processes
 from common.messages import Drives, decode
 from experiments.stop_feeder import SPEED_M_S, Feeder
-from experiments.stop_process import Starter
+from experiments.stop_process import Starter, wait_for
 from experiments.stop_watch import Canary, StopWatch
 from sim.can_nodes import FollowerBus
 from sim.can_server import CanServer
@@ -118,14 +118,7 @@ class StopBench:
         time.sleep(seconds)
 
     def _await(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
-        deadline = time.monotonic() + timeout_s
-        while not condition():
-            dead = [name for name, child in self._children.items() if child.poll() is not None]
-            if dead:
-                raise RuntimeError(f"{dead[0]} died by itself: see its log in {self._logs}")
-            if time.monotonic() > deadline:
-                raise TimeoutError(f"{what} after {timeout_s:.0f} s: see the logs in {self._logs}")
-            time.sleep(0.01)
+        wait_for(condition, timeout_s, what, self._children, self._logs)
 
     def _turn_wheels(self, now_ns: int) -> None:
         """Wheels up: they do what they are told."""

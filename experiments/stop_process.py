@@ -7,11 +7,14 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
+_LOOK_S = 0.01
+Child = subprocess.Popen[bytes]
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,7 @@ class Starter:
     logs: Path
     keep_open: tuple[int, ...] = ()
 
-    def start(self, name: str) -> subprocess.Popen[bytes]:
+    def start(self, name: str) -> Child:
         """Start one process as on the robot; it appends to ``<name>.log`` and dies with this one."""
         command = [sys.executable, "-m", "station.cli", "run", name, "--runtime", str(self.runtime)]
         command += ["--config", str(self.config_path.resolve())]
@@ -40,6 +43,25 @@ class Starter:
                 env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
                 preexec_fn=_die_with_parent,
             )
+
+
+def wait_for(
+    condition: Callable[[], bool], timeout_s: float, what: str, children: Mapping[str, Child], logs: Path
+) -> None:
+    """Wait until a condition holds.
+
+    Raises:
+        RuntimeError: a child died by itself.
+        TimeoutError: ``what`` still is after so long.
+    """
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        dead = [name for name, child in children.items() if child.poll() is not None]
+        if dead:
+            raise RuntimeError(f"{dead[0]} died by itself: see its log in {logs}")
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"{what} after {timeout_s:.0f} s: see the logs in {logs}")
+        time.sleep(_LOOK_S)
 
 
 def _die_with_parent() -> None:

@@ -26,7 +26,7 @@ from common.messages import Answer, DockRequest, Mission, decode
 from common.node import Outbox
 from common.processes import ONE_MACHINE
 from common.timing import NS_PER_S, MonotonicClock
-from experiments.stop_process import Starter
+from experiments.stop_process import Starter, wait_for
 from experiments.stop_watch import BusTap, Canary
 from sim.world_message import WORLD, WorldState
 
@@ -147,11 +147,4 @@ class StopRobot:
         self._phase, self._armed = mission.phase, mission.armed
 
     def _await(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
-        deadline = time.monotonic() + timeout_s
-        while not condition():
-            dead = [name for name, child in self._children.items() if child.poll() is not None]
-            if dead:
-                raise RuntimeError(f"{dead[0]} died by itself: see its log in {self._logs}")
-            if time.monotonic() > deadline:
-                raise TimeoutError(f"{what} after {timeout_s:.0f} s: see the logs in {self._logs}")
-            time.sleep(0.02)
+        wait_for(condition, timeout_s, what, self._children, self._logs)
