@@ -122,6 +122,7 @@ class CanTap:
 # what the bridge logs when the host stood still for so long that the drives' watchdogs stopped the robot
 _STALL_WORDS = ("stood still",)
 _TRIES = 3
+_CALM_S, _STALL_S, _PATIENCE_S = 3.0, 0.05, 60.0
 
 
 def repeated_after_host_stall(test: Any) -> Any:
@@ -139,10 +140,22 @@ def repeated_after_host_stall(test: Any) -> Any:
             except (AssertionError, pytest.fail.Exception):
                 if attempt == _TRIES or not any(run.stalled() for run in kwargs["sim_run"].runs[before:]):
                     raise
+                _until_the_machine_is_calm()
             else:
                 return
 
     return wrapper
+
+
+def _until_the_machine_is_calm() -> None:
+    """Wait until nothing has stood still for a while: stalls of the host come in bursts."""
+    begin = before = calm_since = time.monotonic()
+    while before - calm_since < _CALM_S and before - begin < _PATIENCE_S:
+        time.sleep(0.005)
+        now = time.monotonic()
+        if now - before > _STALL_S:
+            calm_since = now
+        before = now
 
 
 def until(condition: Any, seconds: float) -> None:
