@@ -65,6 +65,20 @@ def test_never_wrong_in_many_scenes(config: Config) -> None:
     assert right >= 115
 
 
+def test_what_is_enough_alone_is_not_enough_among_many(config: Config) -> None:
+    rolled = np.array([[4.2, 0.36, 0.12, 0.0, 0.021]])  # 1.7 standard deviations of the mounting's tilt
+    features = project(model(config), rolled)[0][0]
+    height = features[:, 1].mean()
+    others = np.column_stack([np.linspace(-1.4, 1.4, 32), np.full(32, height)])
+    identifier = Identifier(model(config), Limits())
+    alone = identifier.identify(features, np.full(4, 500.0), False)
+    assert isinstance(alone, Match)
+    assert 1.5 < alone.chi2 < 4.0
+    # too bright to be taken for LEDs themselves, yet so many chances of coincidence
+    mass = np.concatenate([np.full(4, 500.0), np.full(32, 1e6)])
+    assert identifier.identify(np.vstack([features, others]), mass, False) == "no_match"
+
+
 def test_mirrored_array_is_not_accepted(config: Config) -> None:
     mirrored = config.leds.points * [1.0, -1.0, 1.0]
     identifier = Identifier(model(config), Limits())

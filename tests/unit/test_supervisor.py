@@ -395,6 +395,18 @@ def test_a_trolley_that_stands_fast_before_the_lock_is_early_contact(bench: Benc
     assert bench.mission.cause == "contact_early"
 
 
+@pytest.mark.parametrize(("short_m", "phase"), [(0.01, "lock"), (0.05, "aborted")])
+def test_a_trolley_that_is_rigid_before_its_place_is_not_docked(bench: Bench, short_m: float, phase: str) -> None:
+    bench.to_push()
+    docking = bench.config.docking
+    ended = Pose2(docking.goal(1).x_m - docking.push_stroke_m + short_m, 0.0, 0.0)
+    connected = replace(ARMS, contact=True, connected=True)
+    bench.step(drives=bench.roll(0.14), arms=connected, state=docking_state(bench.config, ended))
+    assert bench.sequence.phase == phase
+    assert bench.mission is not None
+    assert bench.mission.cause == ("" if phase == "lock" else "contact_elsewhere")
+
+
 def test_a_refused_lock_and_a_silent_leader_end_by_name_without_letting_go(config: Config) -> None:
     bench = Bench(config)
     bench.to_lock()
