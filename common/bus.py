@@ -21,7 +21,7 @@ from common.config import DEFAULT_NAMESPACE, ConfigError
 
 OnPayload = Callable[[bytes], None]
 OnRequest = Callable[[bytes, Callable[[bytes], None]], None]
-RETRY = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2}
+_RETRY = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2}
 _SOCKET_PATH_LIMIT = 107
 
 
@@ -166,20 +166,22 @@ def _serve(queryable: Any, key: str, on_request: OnRequest) -> None:
         on_request(payload.to_bytes(), answer)
 
 
+def explicit_links(connect: Sequence[str]) -> dict[str, Any]:
+    """Settings that mesh and gateway share: named peers are called for ever, nothing else is found or told."""
+    return {
+        "connect": {"endpoints": list(connect), "timeout_ms": -1, "exit_on_failure": False, "retry": _RETRY},
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "timestamping": {"enabled": False},
+        "adminspace": {"enabled": False},
+    }
+
+
 def peer_settings(listen: str, connect: Sequence[str]) -> dict[str, Any]:
     """Zenoh's settings of a process in a robot's mesh, which listens on one Unix socket and connects to others."""
     return {
         "mode": "peer",
         "listen": {"endpoints": [f"unixsock-stream/{listen}"]},
-        "connect": {
-            "endpoints": [f"unixsock-stream/{path}" for path in connect],
-            "timeout_ms": -1,
-            "exit_on_failure": False,
-            "retry": RETRY,
-        },
-        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "timestamping": {"enabled": False},
-        "adminspace": {"enabled": False},
+        **explicit_links([f"unixsock-stream/{path}" for path in connect]),
         "transport": {
             "shared_memory": {"enabled": False},
             "unicast": {"open_timeout": 500, "accept_timeout": 500},

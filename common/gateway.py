@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from common.bus import RETRY
+from common.bus import explicit_links
 from common.channels import FOLLOWER_GATEWAY, LEADER_GATEWAY, Channel, health_channel
 from common.config import ConfigError, NetworkConfig
 from common.credentials import check_credentials, credentials_folder
@@ -53,15 +53,7 @@ class Router:
         return {
             "mode": "router",
             "listen": {"endpoints": list(self.listen), "exit_on_failure": True},
-            "connect": {
-                "endpoints": list(self.connect),
-                "timeout_ms": -1,
-                "exit_on_failure": False,
-                "retry": RETRY,
-            },
-            "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-            "timestamping": {"enabled": False},
-            "adminspace": {"enabled": False},
+            **explicit_links(self.connect),
             "transport": {
                 "shared_memory": {"enabled": False},
                 "unicast": {"max_sessions": 64, "accept_pending": 32, "open_timeout": 2000, "accept_timeout": 2000},
