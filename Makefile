@@ -47,7 +47,7 @@ mutate: $(READY) ## Mutation test of the gate: its tests must notice every chang
 prove: $(READY) ## A million random steps of the gate, mutated CAN frames, events of both state machines
 	@GATE_STEPS=1000000 FUZZ_FRAMES=1000000 MACHINE_EVENTS=1000000 $(VENV)/bin/python -m pytest -q --timeout 1200 tests/unit/test_gate_properties.py tests/unit/test_canopen_fuzz.py tests/unit/test_machine_properties.py
 
-LOCK = uv pip compile --universal --generate-hashes --no-header --no-annotate --python-version 3.11 --no-emit-package davpc
+LOCK = uv pip compile --universal --generate-hashes --no-header --no-annotate --no-strip-extras --python-version 3.11 --no-emit-package davpc
 
 lock: ## Refresh requirements.lock and its part that a robot needs (needs uv)
 	$(LOCK) --extra dev -o requirements.lock pyproject.toml
