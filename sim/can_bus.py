@@ -20,6 +20,9 @@ class BusNode(Protocol):
     def tick(self, now_ns: int) -> list[CanFrame]:
         """Do what is due at this time."""
 
+    def stood_still(self, stall_ns: int) -> None:
+        """Not count a stall of the simulation as silence of others."""
+
 
 class SimulatedBus:
     """Nodes on one bus, without arbitration or delay; what goes wrong is what ``faults`` says.
@@ -54,3 +57,8 @@ class SimulatedBus:
         """What the nodes send by themselves at this time."""
         sent = [frame for node in self.nodes for frame in node.tick(now_ns)]
         return self.faults.spoil(sent) if self.faults.active else sent
+
+    def stood_still(self, stall_ns: int) -> None:
+        """The simulation itself stood still."""
+        for node in self.nodes:
+            node.stood_still(stall_ns)

@@ -2,10 +2,14 @@
 
 One thread serves every client. A frame that a client sends is seen by the nodes of its bus and by that bus's other
 clients; what nodes send, every client of the bus sees. Not modelled: arbitration, bit timing, error counters.
+
+A drive of metal goes on while this computer stands still. Simulated nodes that stood still themselves are late, but
+their watchdogs do not take that for a silence of their master.
 """
 
 from __future__ import annotations
 
+import logging
 import selectors
 import socket
 import threading
@@ -17,9 +21,11 @@ from common.timing import NS_PER_MS
 from sim.can_bus import SimulatedBus
 
 TICK_MS = 5.0
+_STALL_NS = 40 * NS_PER_MS
 _SETTLE_NS = 50 * NS_PER_MS
 _BACKLOG_BYTES = 1 << 20
 _LINE_BYTES = 256
+_log = logging.getLogger("world")
 
 
 @dataclass
@@ -99,7 +105,9 @@ class CanServer:
 
     def _step(self) -> bool:
         wait_s = max(self._next_tick_ns - self._now_ns(), 0) * 1e-9
-        for key, _ in self._selector.select(wait_s):
+        ready = self._selector.select(wait_s)
+        self._excuse(self._now_ns())
+        for key, _ in ready:
             if key.fileobj is self._wake_in:
                 return False
             if key.fileobj is self._listener:
@@ -112,6 +120,16 @@ class CanServer:
         for client in list(self._clients.values()):
             self._write(client)
         return True
+
+    def _excuse(self, now_ns: int) -> None:
+        """Let the nodes know for how long they stood still, before they hear what came meanwhile."""
+        late_ns = now_ns - self._next_tick_ns
+        if not self._next_tick_ns or late_ns < _STALL_NS:
+            return
+        _log.warning("the simulated drives stood still for %d ms", late_ns // NS_PER_MS)
+        with self.lock:
+            for bus in self._buses.values():
+                bus.stood_still(late_ns)
 
     def _accept(self) -> None:
         link, _ = self._listener.accept()

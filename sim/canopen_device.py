@@ -119,6 +119,11 @@ class CanopenDevice:
             self._communication_lost()
         self.moved(elapsed_s)
 
+    def stood_still(self, stall_ns: int) -> None:
+        """The simulation itself stood still: that is no silence of the master."""
+        if self._heard_ns is not None:
+            self._heard_ns += stall_ns
+
     def emergency(self, code: int, register: int) -> None:
         """Send an EMCY and set the error register (1001h)."""
         self.values[0x1001, 0] = register

@@ -119,7 +119,7 @@ class Monitor:
                 axis.velocity,
                 axis.torque_n_m,
                 (now_ns - axis.status_ns) / NS_PER_MS if axis.status_ns >= 0 else float("inf"),
-                tuple(fault for fault in measured.faults if fault.startswith(f"{axis.name}:")),
+                tuple(fault for fault in measured.troubles if fault.startswith(f"{axis.name}:")),
             )
             for axis in self._drives.axes
         ]

@@ -187,9 +187,8 @@ class EnableTest:
         later = self._hold(rolling, 1.0)
         moved = max(abs(speed) for speed in later.wheel_speed_rad_s) * radius
         stopped = took_ms <= WATCHDOG_LIMIT_MS and moved < 0.01
-        self._measured = replace(
-            later, faults=(), stalled=""
-        )  # that the drives stopped by themselves is what was asked for
+        # that the drives stopped by themselves is what was asked for
+        self._measured = replace(later, faults=(), stalled="", silent=())
         return self._check(
             "watchdog", stopped, f"quick stop {took_ms:.0f} ms after the last heartbeat, then {moved:.3f} m/s"
         )

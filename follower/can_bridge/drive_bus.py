@@ -140,10 +140,12 @@ class DriveBus:
     def exchange(self, now_ns: int, setpoint: DriveSetpoint) -> Measurement:
         """One cycle; never blocks and never raises for what happens on the bus: see ``faults`` and ``bus_ok``."""
         faults: list[str] = []
+        silent: list[str] = []
         try:
             self._receive(now_ns)
             faults = self._faults(now_ns)
-            if faults or self._stalled:
+            silent = self._inbound.silent(now_ns)
+            if faults or silent or self._stalled:
                 self.quick_stop()
                 self._home = None
             self._send(now_ns, setpoint)
@@ -152,7 +154,7 @@ class DriveBus:
         except BusLostError as error:
             self._lose(str(error))
             faults.insert(0, self._lost)
-        return self._measurement(now_ns, tuple(faults))
+        return self._measurement(now_ns, tuple(faults), tuple(silent))
 
     def _bring_up(self, bus: CanBus) -> None:
         config = self._config
@@ -229,7 +231,7 @@ class DriveBus:
                 self._inbound.stood_still(now_ns)
         return self._inbound.faults(now_ns, bool(self._stalled))
 
-    def _measurement(self, now_ns: int, faults: tuple[str, ...]) -> Measurement:
+    def _measurement(self, now_ns: int, faults: tuple[str, ...], silent: tuple[str, ...]) -> Measurement:
         axes, io = self.axes, self._inbound.io
         left, right, joints, grippers, lift = axes[0], axes[1], axes[2:8], axes[8:10], axes[10]
         fresh = self._bus is not None and self._inbound.inputs_fresh(now_ns)
@@ -255,4 +257,5 @@ class DriveBus:
             malformed=self._inbound.malformed,
             unknown=self._inbound.unknown,
             stalled=self._stalled,
+            silent=silent,
         )

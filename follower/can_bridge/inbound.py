@@ -95,19 +95,26 @@ class Inbound:
         self._started_ns = now_ns
 
     def faults(self, now_ns: int, stalled: bool = False) -> list[str]:
-        """What is wrong, one line each, naming axis or node; not what follows from a stall of the bridge."""
-        found: list[str] = []
-        for axis in self.axes:
-            found += _axis_faults(axis, stalled)
-            if self._silent(axis.status_ns, now_ns):
-                found.append(f"{axis.name}: node {axis.node_id} is silent")
+        """What is wrong, one line each, naming axis or node; not what follows from a stall of the bridge.
+
+        The stop inputs' silence is a fault, but while drives are silent with them: see :meth:`silent`.
+        """
+        found = [fault for axis in self.axes for fault in _axis_faults(axis, stalled)]
         if self.io.emergency:
             found.append(f"{self.io.name}: {self.io.emergency}")
-        if self._silent(self.io.status_ns, now_ns):
+        if self._silent(self.io.status_ns, now_ns) and not self.silent(now_ns):
             found.append(f"{self.io.name}: node {self.io.node_id} is silent")
         if self._much_malformed(now_ns):
             found.append(f"CAN bus: {MALFORMED_LIMIT} frames within a second that cannot be genuine")
         return found
+
+    def silent(self, now_ns: int) -> list[str]:
+        """Which drives are not heard, one line each: that may pass by itself, as a fault does not."""
+        return [
+            f"{axis.name}: node {axis.node_id} is silent"
+            for axis in self.axes
+            if self._silent(axis.status_ns, now_ns)
+        ]
 
     def inputs_fresh(self, now_ns: int) -> bool:
         """Whether the stop inputs say anything about now."""

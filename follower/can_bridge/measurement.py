@@ -35,8 +35,9 @@ class Measurement:
     """What the bus says at one exchange.
 
     ``measured_ns`` is the SYNC that latched the older of the two wheels' answers, −1 before the first. Stop inputs
-    count as STOP while the I/O module is silent. ``faults`` is empty when all is well. ``stalled`` says how long the
-    bridge itself stood still, so that the drives' watchdogs stopped them; it stays until power off is requested.
+    count as STOP while the I/O module is silent. ``faults`` is empty when all is well; ``silent`` names the drives
+    that are not heard. ``stalled`` says how long the bridge itself stood still, so that the drives' watchdogs
+    stopped them; it stays until power off is requested.
     """
 
     now_ns: int
@@ -60,8 +61,9 @@ class Measurement:
     malformed: int
     unknown: int
     stalled: str = ""
+    silent: tuple[str, ...] = ()
 
     @property
     def troubles(self) -> tuple[str, ...]:
-        """Faults, and a stall of whoever uses the bus, for those who do not tell the two apart."""
-        return (*((self.stalled,) if self.stalled else ()), *self.faults)
+        """A stall of whoever uses the bus, faults and silent drives, for those who do not tell them apart."""
+        return (*((self.stalled,) if self.stalled else ()), *self.faults, *self.silent)

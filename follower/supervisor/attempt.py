@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from common.causes import NODE_SILENT, cause_code
 from common.config import Config
 from common.geometry import Array, Pose2, features_at
 from common.kinematics import twist_from_wheels
@@ -92,6 +93,8 @@ class Attempt:
         """What of the Follower itself is not as it should be for moving; empty if all is well."""
         if seen.drives is None:
             return "no drives"
+        if cause_code(seen.drives.cause) == NODE_SILENT:
+            return seen.drives.cause
         if not seen.drives.stop_inputs_clear:
             return "stop input"
         if not seen.controller_alive:

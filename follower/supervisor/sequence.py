@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from common.causes import needs_reset
+from common.causes import NODE_SILENT, cause_code, needs_reset
 from common.config import Config
 from common.geometry import Array
 from common.messages import Answer, DockRequest, Drives, FollowerSummary, Mission, Phase
@@ -28,7 +28,7 @@ from follower.supervisor.transitions import ENDED, FREE, IN_CONTACT, Event, next
 _SILENT_NS = NS_PER_S // 4
 # what passes by itself: somebody was late, or the machine stood still
 REARMING_CAUSES: Final = frozenset(
-    {"command_age", "valid_until", "token_age", "status_age", "arm_setpoint_age", "bridge_stalled"}
+    {"command_age", "valid_until", "token_age", "status_age", "arm_setpoint_age", "bridge_stalled", NODE_SILENT}
 )
 # a longer step was a stall of this process: it says nothing of the others
 _LONGEST_STEP_NS = NS_PER_S // 10
@@ -164,7 +164,7 @@ class DockingSequence:
             silent = attempt.armed and self._drives_silent_ns > _SILENT_NS
             return Verdict("failed", "drives_silent") if silent else None
         attempt.enabled = attempt.enabled or attempt.obeyed(drives)
-        if not drives.stop_inputs_clear:
+        if not drives.stop_inputs_clear and cause_code(drives.cause) != NODE_SILENT:
             return Verdict("failed", "stop_input")
         if drives.state == "fault":
             return Verdict("failed", f"drive_fault: {drives.cause}")
@@ -183,7 +183,7 @@ class DockingSequence:
     def _stopped(self, drives: Drives) -> Verdict:
         """S1: the gate stopped and disarmed. While nothing is in contact, arm anew once all is well, a few times."""
         attempt = self._attempt
-        again = drives.cause in REARMING_CAUSES and attempt.rearmed < MAX_REARMED
+        again = cause_code(drives.cause) in REARMING_CAUSES and attempt.rearmed < MAX_REARMED
         if again and self._phase in FREE:
             return Verdict("late")
         return Verdict("failed", f"gate_stop: {drives.cause}")

@@ -119,7 +119,7 @@ class CanTap:
         self._bus.shutdown()
 
 
-# what the bridge logs when the host stood still for so long that the drives' watchdogs stopped the robot
+# what bridge and world log when the host stood still for so long that the robot had to stop
 _STALL_WORDS = ("stood still",)
 _TRIES = 3
 _CALM_S, _STALL_S, _PATIENCE_S = 3.0, 0.05, 60.0

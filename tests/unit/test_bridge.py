@@ -57,12 +57,22 @@ def rig(config: Config) -> Rig:
     return rig
 
 
-def test_a_short_fault_is_kept_until_a_new_epoch(rig: Rig) -> None:
-    rig.measured = replace(rig.measured, faults=("left wheel: node 1 is silent",))
-    assert rig.run() == "fault"
-    rig.measured = replace(rig.measured, faults=())
+@pytest.mark.parametrize(
+    ("trouble", "state", "cause"),
+    [
+        ({"faults": ("left wheel: over-current",)}, "fault", "left wheel: over-current"),
+        ({"silent": ("left wheel: node 1 is silent",)}, "stopped", "node_silent: left wheel: node 1 is silent"),
+        ({"silent": ("lift: silent",), "faults": ("left wheel: over-current",)}, "fault", "left wheel: over-current"),
+    ],
+)
+def test_what_was_wrong_for_a_moment_is_kept_until_a_new_epoch(
+    rig: Rig, trouble: dict[str, tuple[str, ...]], state: str, cause: str
+) -> None:
+    rig.measured = replace(rig.measured, **trouble)  # type: ignore[arg-type]
+    assert rig.run() == state
+    rig.measured = replace(rig.measured, faults=(), silent=())
     assert rig.run(20) == "stopped"
-    assert rig.bridge.cause == "left wheel: node 1 is silent"
+    assert rig.bridge.cause == cause
     rig.mission = replace(rig.mission, armed=False)
     rig.run(2)
     rig.mission = replace(rig.mission, armed=True, epoch=rig.mission.epoch + 1)

@@ -30,7 +30,7 @@ class Driving:
         self.measured = rig.enable()
         for _ in range(100):
             self.decision = self.step()
-        assert self.measured.faults == ()
+        assert self.measured.troubles == ()
         assert self.decision.v_m_s == speed_m_s
         self.tap.read()
 
@@ -149,8 +149,8 @@ def test_each_fault_stops_both_wheels(
     fault(driving.rig)
     took_ms, measured = driving.stop_ms()
     assert took_ms <= limit_ms
-    assert any(cause in found for found in measured.faults) or (not cause and not measured.faults)
-    assert driving.decision.rule == rule or not rule or measured.faults
+    assert any(cause in found for found in measured.troubles) or (not cause and not measured.troubles)
+    assert driving.decision.rule == rule or not rule or measured.troubles
 
 
 @pytest.mark.parametrize("fault", [_stick, _invert])
@@ -216,8 +216,39 @@ def test_a_fault_stays_until_somebody_resets_it(driving: Driving) -> None:
     rig.drives.reset_faults()
     rig.cycles(5)
     rig.drives.enable()
-    assert rig.cycles(10).faults == ()
+    assert rig.cycles(10).troubles == ()
     assert rig.cycles(2).wheels_enabled
+
+
+def test_a_drive_that_was_silent_needs_no_reset(driving: Driving) -> None:
+    rig, silent = driving.rig, driving.rig.robot.bus.faults.silent
+    silent.add(2)
+    measured = rig.cycles(8)
+    assert (measured.faults, measured.silent) == ((), ("right wheel: node 2 is silent",))
+    silent.clear()
+    measured = rig.cycles(10)
+    assert measured.troubles == ()
+    assert not measured.wheels_enabled
+    rig.drives.disable()
+    rig.cycles(100)
+    rig.drives.enable()
+    assert rig.cycles(10).wheels_enabled
+
+
+def test_with_every_node_the_stop_inputs_are_silent_too_and_count_as_stop(driving: Driving) -> None:
+    driving.rig.robot.bus.faults.silent.update(node.node_id for node in driving.rig.robot.bus.nodes)
+    measured = driving.rig.cycles(8)
+    assert (measured.faults, len(measured.silent), measured.inputs_fresh) == ((), 11, False)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_drive_that_stood_still_itself_does_not_take_that_for_silence(driving: Driving, known: bool) -> None:
+    rig = driving.rig
+    rig.clock.advance_to(rig.clock.now_ns() + 200 * NS_PER_MS)
+    if known:
+        rig.robot.bus.stood_still(200 * NS_PER_MS)
+    rig.robot.left_wheel.advance(rig.clock.now_ns())
+    assert rig.robot.left_wheel.heartbeat_lost is not known
 
 
 def test_foreign_frames_are_counted_and_change_nothing(driving: Driving) -> None:
@@ -230,5 +261,5 @@ def test_foreign_frames_are_counted_and_change_nothing(driving: Driving) -> None
     driving.step()
     driving.step()
     assert driving.measured.unknown == 4
-    assert driving.measured.faults == ()
+    assert driving.measured.troubles == ()
     assert driving.decision.v_m_s == 0.3

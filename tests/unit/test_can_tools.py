@@ -56,7 +56,7 @@ def test_monitor_follows_a_bridge_and_sends_nothing() -> None:
         assert (rows[0].name, rows[0].state) == ("left wheel", "operation enabled")
         assert rows[0].velocity * rig.config.base.wheel_radius_m == pytest.approx(0.2, rel=1e-3)
         assert rows[0].age_ms == 0.0
-        assert measured.faults == ()
+        assert measured.troubles == ()
         rig.robot.left_wheel.trip(0x2310)
         rig.cycle()
         rows, _ = monitor.poll(rig.clock.now_ns())

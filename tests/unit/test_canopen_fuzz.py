@@ -80,7 +80,7 @@ class _Session:
             self.epoch += 1
         if not self.measured.bus_ok:
             rig.drives.open()
-        elif self.measured.faults:
+        elif self.measured.troubles:
             rig.drives.reset_faults()
         else:
             rig.drives.enable()

@@ -15,7 +15,7 @@ from common.canopen_io import LeaderIo
 from common.cia402 import DriveState
 from common.config import BusConfig, ConfigError
 from common.node import DeviceError
-from common.timing import NS_PER_MS
+from common.timing import NS_PER_MS, NS_PER_S
 from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.measurement import DriveSetpoint
 from sim.can_nodes import FollowerBus
@@ -34,7 +34,7 @@ from tests.unit.canbus_rig import (
 def test_enables_drives_and_quick_stops() -> None:
     with follower_rig() as rig:
         measured = rig.enable()
-        assert measured.faults == ()
+        assert measured.troubles == ()
         assert measured.wheels_enabled
         assert measured.arms_enabled
         setpoint = rim_speed(0.3, rig.config)
@@ -92,7 +92,7 @@ def test_drives_stop_by_themselves_when_the_bridge_is_silent() -> None:
         assert {joint.effort for joint in rig.robot.joints} == {"position"}
         rig.pass_time(700)
         measured = rig.cycles(20, setpoint)
-        assert measured.faults == ()
+        assert (measured.faults, measured.silent) == ((), ())
         assert "bridge: stood still for 7" in measured.stalled
         assert rig.robot.left_wheel.state.value == 0x40
         assert rig.robot.left_wheel.velocity_setpoint_rad_s == 0.0
@@ -182,6 +182,30 @@ def test_more_leds_than_the_module_drives_is_an_error_of_the_configuration() -> 
         LeaderIo(stepped_config().leader_can, CONFIG_PATH, leds=5)
 
 
+def test_a_server_that_stood_still_says_so_to_its_nodes(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    robot = FollowerBus.build(stepped_config().follower_can, CONFIG_PATH)
+    ticked, ahead_ns = threading.Event(), 0
+    bus = robot.bus
+    stalls: list[int] = []
+    monkeypatch.setattr(bus, "stood_still", stalls.append)
+    server = CanServer(
+        socket.create_server(("127.0.0.1", 0)),
+        {"follower": bus},
+        lambda: time.monotonic_ns() + ahead_ns,
+        lambda _: ticked.set(),
+    )
+    server.start()
+    assert ticked.wait(10.0)
+    ahead_ns = 60 * NS_PER_S
+    while not any(stall >= 59 * NS_PER_S for stall in stalls):
+        ticked.clear()
+        assert ticked.wait(10.0)
+    server.stop()
+    assert "the simulated drives stood still for" in caplog.text
+
+
 def test_the_same_over_a_socket() -> None:
     config = stepped_config()
     robot = FollowerBus.build(config.follower_can, CONFIG_PATH)
@@ -202,7 +226,7 @@ def test_the_same_over_a_socket() -> None:
             break
         ticked.clear()
         ticked.wait(1.0)
-    assert measured.faults == ()
+    assert measured.troubles == ()
     assert enabled
     server.stop()
     for _ in range(200):

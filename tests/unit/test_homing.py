@@ -72,7 +72,7 @@ def test_homed_axes_know_where_they_are() -> None:
         assert true_lift == pytest.approx(0.0, abs=1e-3)
         assert true_joint == pytest.approx(1.1, abs=0.01)
         measured = made.enable()
-        assert measured.faults == ()
+        assert measured.troubles == ()
         assert measured.lift_m == pytest.approx(true_lift, abs=1e-3)
         assert measured.joint_angle_rad[3] == pytest.approx(true_joint, abs=0.01)
         made.cycles(200, DriveSetpoint(lift_m=0.05))

@@ -23,7 +23,7 @@ def test_no_frame_enables_a_drive_in_shadow() -> None:
         measured = rig.cycles(60, rim_speed(0.3, rig.config))
         words = {int.from_bytes(f.data[:2], "little") for _, f in tap.read() if 0x200 < f.can_id <= 0x27F}
         tap.close()
-        assert measured.faults == ()
+        assert measured.troubles == ()
         assert set(measured.states) == {DriveState.SWITCH_ON_DISABLED}
         assert all(word & 0x0F != 0x0F for word in words)
 

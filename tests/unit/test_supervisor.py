@@ -348,6 +348,19 @@ def test_after_a_stall_of_the_machine_the_approach_goes_on(bench: Bench) -> None
     assert bench.run(1.0) == "approach"
 
 
+def test_a_silent_drive_stops_it_until_the_drive_is_heard_again(bench: Bench) -> None:
+    """SAFETY.md, row 21: S1. The stop inputs are silent with the whole bus; that is no pressed button."""
+    bench.to_approach()
+    drives = bench.seen.drives
+    assert drives is not None
+    silent = replace(drives, state="stopped", cause="node_silent: left wheel: node 1 is silent")
+    bench.step(drives=replace(silent, stop_inputs_clear=False))
+    assert bench.run(2.0) == "acquire"
+    assert bench.mission is not None
+    assert (bench.mission.armed, bench.mission.waiting) == (False, silent.cause)
+    assert bench.run(0.8, drives=replace(drives, state="disarmed", cause="")) == "approach"
+
+
 def test_in_contact_a_late_command_ends_the_docking(bench: Bench) -> None:
     bench.to_push()
     assert bench.seen.drives is not None
