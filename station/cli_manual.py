@@ -29,7 +29,10 @@ def jog(
     seconds: Annotated[float, typer.Option(min=0, help="0: until Ctrl-C")] = 0,
     runtime: RunningOption = None,
 ) -> None:
-    """Move the robot by hand: with neither --speed nor --turn by the arrow keys, for as long as one is held."""
+    """Move the robot by hand, through the gate. `davpc jog`
+
+    With neither --speed nor --turn by the arrow keys, for as long as one is held.
+    """
     from station.manual import Keys
 
     by_keys = not speed and not turn
@@ -56,7 +59,10 @@ def grip(
     action: Annotated[Literal["open", "close"], typer.Argument(help="what the fingers do; the arms stay")],
     runtime: RunningOption = None,
 ) -> None:
-    """Open or close both grippers; letting go with Ctrl-C holds them as they are."""
+    """Open or close both grippers. `davpc grip open`
+
+    Letting go with Ctrl-C holds them as they are.
+    """
     from station.manual import Fingers
 
     wanted: Literal["open", "closed"] = "open" if action == "open" else "closed"
@@ -80,7 +86,10 @@ def lift(
     height_mm: Annotated[float, typer.Argument(metavar="MM", min=0, max=1000, help="above its lowest place")],
     runtime: RunningOption = None,
 ) -> None:
-    """Move the lift to a height; letting go with Ctrl-C holds it where it is."""
+    """Move the lift to a height. `davpc lift 200`
+
+    Letting go with Ctrl-C holds it where it is.
+    """
     wanted_m = height_mm / 1000.0
     reached: list[float] = []
 

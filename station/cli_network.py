@@ -15,7 +15,9 @@ from common.gateway import robot_router, site_router
 from common.network_access import OTHER
 from station.cli_options import ROBOT, ConfigOption, SetOption, loaded
 
-network = typer.Typer(no_args_is_help=True, help="The network between robots: rules, and a site's router.")
+network = typer.Typer(
+    no_args_is_help=True, help="The network between robots: rules, a site's router. `davpc network settings leader`"
+)
 _STOP = {signal.SIGINT, signal.SIGTERM}
 
 
