@@ -145,19 +145,22 @@ class FeatureWorld:
 
 
 def project(config: Config, pose: Pose2) -> Array:
-    """Pixels (n, 2) of the LEDs for a camera on {F} at ``pose`` in {L}; NaN behind the camera."""
-    points_l = config.leds.points
+    """Pixels (n, 2) of the LEDs for a camera on {F} at ``pose`` in {L}; NaN behind the camera.
+
+    In plain floats: for four LEDs that takes a third of the time of array operations, and every frame asks.
+    """
     c, s = math.cos(pose.theta_rad), math.sin(pose.theta_rad)
     camera_x, camera_y, camera_z = config.camera.mount_xyz_m
-    ahead_l, left_l = points_l[:, 0] - pose.x_m, points_l[:, 1] - pose.y_m
-    depth = c * ahead_l + s * left_l - camera_x
-    left = -s * ahead_l + c * left_l - camera_y
-    depth = np.where(depth > 1e-3, depth, np.nan)
     lens = config.camera.lens
-    return np.stack(
-        [lens.cx_px - lens.fx_px * left / depth, lens.cy_px + lens.fy_px * (camera_z - points_l[:, 2]) / depth],
-        axis=1,
-    )
+    pixels = []
+    for x, y, z in config.leds.positions_m:
+        ahead_l, left_l = x - pose.x_m, y - pose.y_m
+        depth = c * ahead_l + s * left_l - camera_x
+        if depth <= 1e-3:
+            depth = math.nan
+        left = -s * ahead_l + c * left_l - camera_y
+        pixels.append((lens.cx_px - lens.fx_px * left / depth, lens.cy_px + lens.fy_px * (camera_z - z) / depth))
+    return np.array(pixels)
 
 
 def inside_image(config: Config, pixels: Array) -> Array:

@@ -12,7 +12,7 @@ from common.config import Config
 from experiments.campaign import run_all
 from experiments.cramer_rao import bound
 from experiments.results import row, write_results
-from experiments.runs import Case, Job, all_jobs, fly_job, make_case, metrics_job, table
+from experiments.runs import Case, Job, all_jobs, fly_job, make_case, table
 from experiments.scenes import (
     DISTURBANCES,
     DURATION_S,
@@ -70,10 +70,11 @@ def run(
         raise ValueError(f"case {unknown[0]!r} is none of {', '.join(known)}")
     level: Level = "pixels" if pixels else "features"
     todo = [_case(config, method, name, trials, seed, level) for name in cases for method in methods]
-    metrics = run_all(metrics_job, all_jobs(todo), jobs, "table1")
-    rows = table(todo, metrics)
-    if "davpc" in methods and not pixels:
-        rows += _bound_rows([_case(config, "davpc", name, min(trials, BOUND_RUNS), seed) for name in cases], jobs)
+    done = run_all(measured_job, all_jobs(todo), jobs, "table1")
+    rows = table(todo, [metrics for metrics, _ in done])
+    rows += _bound_rows(
+        cases, [(case.name, limit) for (case, _), (_, limit) in zip(all_jobs(todo), done, strict=True)]
+    )
     settings = _settings(trials, methods) | level_settings(config, level, cases)
     return write_results(out, "table1", seed, settings, rows, list(PAPER_TABLE), config, NOTE)
 
@@ -86,23 +87,24 @@ def _case(config: Config, method: str, name: str, trials: int, seed: int, level:
     return make_case(config, flown, name, starts, DISTURBANCES["none"], seed, array, method, level)
 
 
-def bound_job(job: Job) -> dict[str, float]:
-    """The Cramér–Rao bound along one flight of the default method."""
-    case, _ = job
+def measured_job(job: Job) -> tuple[dict[str, float], dict[str, float] | None]:
+    """A flight's metrics and, of the default method's first ones at feature level, the Cramér–Rao bound along it."""
+    case, i = job
+    outcome = fly_job(job)
+    if case.method != "davpc" or case.level != "features" or i >= BOUND_RUNS:
+        return outcome.metrics, None
     task = goal_task(method_config(Config.model_validate_json(case.config_text), case.method, case.array))
-    return bound(task, fly_job(job).trace)
+    return outcome.metrics, bound(task, outcome.trace)
 
 
-def _bound_rows(cases: list[Case], jobs: int) -> list[dict[str, Any]]:
-    """The bound of each case, averaged over its first starts."""
-    bounds = run_all(bound_job, all_jobs(cases), jobs, "information limit")
+def _bound_rows(cases: tuple[str, ...], limits: list[tuple[str, dict[str, float] | None]]) -> list[dict[str, Any]]:
+    """The bound of each case, averaged over the flights that have one."""
     rows = []
-    for i, case in enumerate(cases):
-        count = len(case.starts)
-        mine = bounds[i * count : (i + 1) * count]
-        rows.append(
-            row("cramer_rao", case.name, count, {key: float(np.mean([b[key] for b in mine])) for key in mine[0]})
-        )
+    for name in cases:
+        mine = [limit for case, limit in limits if case == name and limit is not None]
+        if mine:
+            mean = {key: float(np.mean([limit[key] for limit in mine])) for key in mine[0]}
+            rows.append(row("cramer_rao", name, len(mine), mean))
     return rows
 
 

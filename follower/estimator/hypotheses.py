@@ -124,9 +124,10 @@ class Branching:
         self._generation += 1
         survivors = self.prune(known)
         parent = survivors.likeliest
-        children = [self._begun(survivors, parent, kind, by_disturbance, since_s) for kind in BEGINNING]
-        fewer = [kind for kind in (QUIET, *BEGINNING) if _is_less(np.array(kind), survivors.kinds[parent])]
-        children += [self._ended(survivors, parent, kind, by_disturbance, since_s, 1 / len(fewer)) for kind in fewer]
+        fewer = np.array([kind for kind in (QUIET, *BEGINNING) if _is_less(np.array(kind), survivors.kinds[parent])])
+        children = [self._begun(survivors, parent, by_disturbance, since_s)]
+        if len(fewer):
+            children.append(self._ended(survivors, parent, fewer, by_disturbance, since_s))
         parts = [survivors, *children]
         return Hypotheses(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(survivors)))
 
@@ -141,43 +142,39 @@ class Branching:
         kept.log_weights -= kept.log_weights.max()
         return kept
 
-    def _begun(
-        self, known: Hypotheses, parent: int, kind: tuple[bool, ...], by_disturbance: Array, since_s: float
-    ) -> Hypotheses:
-        """The disturbances of a kind are drawn anew, and have acted on the pose for half of the time already."""
-        child = known.take(np.array([parent]))
-        acted = np.zeros((STATES, 4))
-        acted[POSE] = by_disturbance * (0.5 * since_s)
-        acted[DISTURBANCE] = np.eye(4)
-        child.covariances = child.covariances + (acted * (self._onset * kind)) @ acted.T
-        child.kinds = child.kinds | np.array(kind)
-        child.log_weights = child.log_weights + np.log(ONSETS_PER_S * since_s / len(BEGINNING))
-        child.generations = np.array([self._generation])
-        return child
+    def _begun(self, known: Hypotheses, parent: int, by_disturbance: Array, since_s: float) -> Hypotheses:
+        """The disturbances of each kind are drawn anew, and have acted on the pose for half of the time already."""
+        kinds = np.array(BEGINNING)
+        acted = _acted(by_disturbance, since_s)
+        covariances = known.covariances[parent] + (acted * (self._onset * kinds)[:, None, :]) @ acted.T
+        log_weight = known.log_weights[parent] + np.log(ONSETS_PER_S * since_s / len(kinds))
+        return self._children(known.states[parent], covariances, log_weight, known.kinds[parent] | kinds)
 
     def _ended(
-        self,
-        known: Hypotheses,
-        parent: int,
-        kind: tuple[bool, ...],
-        by_disturbance: Array,
-        since_s: float,
-        share: float,
+        self, known: Hypotheses, parent: int, kinds: Kinds, by_disturbance: Array, since_s: float
     ) -> Hypotheses:
         """What was known has ended half of the time ago, which is taken back; at most a simpler kind goes on."""
-        child = known.take(np.array([parent]))
-        back = -0.5 * since_s * by_disturbance @ child.states[0, DISTURBANCE]
-        acted = np.zeros((STATES, 4))
-        acted[POSE] = by_disturbance * (0.5 * since_s)
-        acted[DISTURBANCE] = np.eye(4)
-        covariance = (acted * np.where(kind, self._onset, self._quiet)) @ acted.T
-        covariance[POSE, POSE] += child.covariances[0, POSE, POSE] + np.outer(back, back) / 3.0
-        child.states = np.append(child.states[0, POSE] + back, np.zeros(4))[None]
-        child.covariances = covariance[None]
-        child.kinds = np.array([kind])
-        child.log_weights = child.log_weights + np.log(ENDS_PER_S * since_s * share)
-        child.generations = np.array([self._generation])
-        return child
+        state, covariance = known.states[parent], known.covariances[parent]
+        back = -0.5 * since_s * by_disturbance @ state[DISTURBANCE]
+        acted = _acted(by_disturbance, since_s)
+        covariances = (acted * np.where(kinds, self._onset, self._quiet)[:, None, :]) @ acted.T
+        covariances[:, POSE, POSE] += covariance[POSE, POSE] + np.outer(back, back) / 3.0
+        log_weight = known.log_weights[parent] + np.log(ENDS_PER_S * since_s / len(kinds))
+        return self._children(np.append(state[POSE] + back, np.zeros(4)), covariances, log_weight, kinds)
+
+    def _children(self, state: Array, covariances: Array, log_weight: float, kinds: Kinds) -> Hypotheses:
+        """One for each of (c, 4) kinds, all at one state and of one weight."""
+        count = len(kinds)
+        generations = np.full(count, self._generation)
+        return Hypotheses(np.tile(state, (count, 1)), covariances, np.full(count, log_weight), kinds, generations)
+
+
+def _acted(by_disturbance: Array, since_s: float) -> Array:
+    """(7, 4) how a disturbance that has acted for half of the time shows in the state."""
+    acted = np.zeros((STATES, 4))
+    acted[POSE] = by_disturbance * (0.5 * since_s)
+    acted[DISTURBANCE] = np.eye(4)
+    return acted
 
 
 def _is_less(kind: Kinds, than: Kinds) -> bool:

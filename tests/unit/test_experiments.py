@@ -53,6 +53,14 @@ def test_table1_names_an_unknown_case(tmp_path: Path) -> None:
         table1.run(tmp_path, 1, 1, CONFIG, trials=1, methods=("ibvs",), cases=("X",))
 
 
+def test_table1_tells_the_information_limit_along_the_default_method_alone(tmp_path: Path) -> None:
+    results = table1.run(tmp_path, 2, 1, CONFIG, trials=1, methods=("davpc", "ibvs"), cases=("W",))
+    rows = {entry["method"]: entry for entry in results["rows"]}
+    assert list(rows) == ["davpc", "ibvs", "cramer_rao"]
+    assert rows["cramer_rao"]["n"] == 1
+    assert 0.05 < rows["cramer_rao"]["metrics"]["e_y_cm"] < 0.4
+
+
 def test_disturbance_draws_its_figure(tmp_path: Path) -> None:
     results = disturbance.run(tmp_path, 1, 1, CONFIG, trials=1, methods=("davpc",), cases=("yaw_pads",))
     assert (tmp_path / "disturbance.png").stat().st_size > 10_000

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from common.config import Config, default_config_path, load_config
 from common.geometry import Array, Pose2, feature_jacobian, features_at, move_relative
 from follower.estimator.motion_model import advance
-from follower.estimator.observer import RelativeObserver
+from follower.estimator.observer import GATE_CHI2, RelativeObserver, _gate, _inverse
 from follower.motion import MotionDisturbance
 
 CONFIG = load_config(default_config_path())
@@ -202,3 +202,25 @@ def test_with_a_separate_heading_the_features_correct_the_place_alone() -> None:
     assert observer.pose.theta_rad == pytest.approx(0.02, abs=2e-3)
     assert observer.pose.x_m == pytest.approx(truth.x_m, abs=0.03)
     assert observer.pose.y_m == pytest.approx(truth.y_m, abs=0.03)
+
+
+def test_inverse_and_determinant_are_those_of_linear_algebra() -> None:
+    matrices = np.random.default_rng(2).standard_normal((20, 3, 3))
+    inverse, determinant = _inverse(matrices)
+    np.testing.assert_allclose(inverse, np.linalg.inv(matrices), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(determinant, np.linalg.det(matrices), rtol=1e-9)
+
+
+def test_what_one_history_must_refuse_the_gate_weighs_by_the_uncertainty_of_each() -> None:
+    """Two histories at one place, one sure of it and one not: the same point is an outlier to the first alone."""
+    slopes = np.tile(np.random.default_rng(3).standard_normal((1, 8, 3)), (2, 1, 1))
+    covariances = np.stack([1e-6 * np.eye(3), 1e3 * np.eye(3)])
+    visible = np.array([True, True, True, False])
+    residual = np.zeros((2, 8))
+    near, chi2 = _gate(residual, slopes, covariances, visible)
+    assert near.tolist() == [visible.tolist()] * 2
+    np.testing.assert_array_equal(chi2, 0.0)
+    residual[:, 1] = 1.2 * np.sqrt(GATE_CHI2)
+    used, chi2 = _gate(residual, slopes, covariances, visible)
+    assert used.tolist() == [[True, False, True, False], visible.tolist()]
+    np.testing.assert_allclose(chi2, [GATE_CHI2, 1.2**2 * GATE_CHI2])
