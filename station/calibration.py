@@ -193,20 +193,20 @@ def holds(lens: LensConfig, size: Size) -> bool:
     """Whether each pixel of an image of (width, height) is one ray: the distance from the centre grows with the
     angle to the axis, without a pole, until the farthest corner or, of a fisheye, until 90°.
     """
+    if lens.model == "pinhole":
+        return True
     ends = np.array([(x, y) for x in (0, size[0] - 1) for y in (0, size[1] - 1)])
     farthest = float(np.hypot(*((ends - (lens.cx_px, lens.cy_px)) / (lens.fx_px, lens.fy_px)).T).max())
     if lens.model == "fisheye":
-        powers = np.array([1.0, *lens.coefficients])
-        radius = (powers * _ANGLES_RAD[:, None] ** np.arange(1, 10, 2)).sum(axis=1)
-        poles = np.zeros(len(radius), dtype=np.bool_)
+        radius = (np.array([1.0, *lens.coefficients]) * _ANGLES_RAD[:, None] ** np.arange(1, 10, 2)).sum(axis=1)
+        below = np.ones(len(radius))
     else:
         k1, k2, _, _, k3, k4, k5, k6 = lens.coefficients
         ideal = np.tan(_ANGLES_RAD)
         square = ideal**2
         below = 1.0 + square * (k4 + square * (k5 + square * k6))
         radius = ideal * (1.0 + square * (k1 + square * (k2 + square * k3))) / below
-        poles = below <= 0.0
-    wrong = poles | (np.diff(radius, prepend=0.0) <= 0.0)
+    wrong = (below <= 0.0) | (np.diff(radius, prepend=0.0) <= 0.0)
     first_wrong = int(np.argmax(wrong)) if wrong.any() else len(wrong)
     reached = bool((radius[:first_wrong] >= farthest).any())
     return reached or (lens.model == "fisheye" and not wrong.any())

@@ -207,6 +207,12 @@ def test_a_stored_calibration_is_compared_with_the_configuration(config: Config,
     changed = config.camera.model_copy(update={"lens": other, "width_px": 640})
     said = differences(stored(path), changed)
     assert said == ["image 640×1024 instead of 1280×1024", "camera.lens.fx_px = 400.0 instead of 369.5"]
+    bent = LensConfig(
+        model="fisheye", fx_px=420.0, fy_px=420.0, cx_px=640.0, cy_px=512.0, coefficients=(0.0, -0.3, 0.0, 0.0)
+    )
+    store(Calibration(bent, 0.1, {"fisheye": 0.2}, Coverage(0.8, ()), 20), "7", "2026-05-04", SIZE, path)
+    said = differences(stored(path), config.camera.model_copy(update={"lens": bent}))
+    assert said == ["a camera.lens that does not hold over the whole image: calibrate it anew"]
     path.write_text(path.read_text().replace("2026-05-04", "yesterday"))
     with pytest.raises(ConfigError, match=r"camera\.toml: date"):
         age_days(stored(path), date(2026, 6, 4), path)
