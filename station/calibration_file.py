@@ -8,7 +8,7 @@ from datetime import date
 from pathlib import Path
 
 from common.config import CameraConfig, ConfigError, LensConfig, Section, validate
-from station.calibration import Calibration, Size
+from station.calibration import Calibration, Size, holds
 
 
 class StoredCalibration(Section):
@@ -63,7 +63,9 @@ def stored(path: Path) -> StoredCalibration:
 
 
 def differences(calibration: StoredCalibration, camera: CameraConfig) -> list[str]:
-    """Where the configured camera is not the calibrated one, one text each; empty if they agree."""
+    """Where the configured camera is not the calibrated one, or its lens is none for the whole image, one text each;
+    empty if all is well.
+    """
     size, wanted = (camera.width_px, camera.height_px), (calibration.width_px, calibration.height_px)
     found = [] if size == wanted else [f"image {size[0]}×{size[1]} instead of {wanted[0]}×{wanted[1]}"]
     keys = ["model"] if camera.lens.model != calibration.lens.model else LensConfig.model_fields
@@ -71,6 +73,8 @@ def differences(calibration: StoredCalibration, camera: CameraConfig) -> list[st
         configured, calibrated = getattr(camera.lens, key), getattr(calibration.lens, key)
         if configured != calibrated:
             found.append(f"camera.lens.{key} = {configured} instead of {calibrated}")
+    if not holds(camera.lens, size):
+        found.append("a camera.lens that does not hold over the whole image: calibrate it anew")
     return found
 
 

@@ -39,27 +39,27 @@ def calibrate_lens(
     Light the board evenly with a diffuse 940 nm source: the filter lets no other light through, and a torch beside
     the camera gives reflections. Show the board in every part of the image, the corners above all, and tilted.
     """
-    from station.calibration import CalibrationError, calibrate_camera, coverage_of
+    from station.calibration import KINDS, CalibrationError, calibrate_camera, coverage_of
     from station.calibration_file import store
 
-    kind = _board(board, square_mm)
+    shown = _board(board, square_mm)
     if live == (folder is not None):
         raise ConfigError("calibrate camera: name a folder of images, or --live")
     writable(out)
     if folder is not None:
-        (views, size), origin, camera = _photographed(folder, kind), str(folder), serial or "unknown"
+        (views, size), origin, camera = _photographed(folder, shown), str(folder), serial or "unknown"
     else:
-        views, size, told = _watched(kind, loaded(config, overrides), config or default_config_path(), runtime)
+        views, size, told = _watched(shown, loaded(config, overrides), config or default_config_path(), runtime)
         origin, camera = "calibrate camera --live", serial or told
     typer.echo(f"{len(views)} views, corners in {coverage_of(views, size).share:.0%} of the image")
     try:
-        found = calibrate_camera(views, kind, size)
+        found = calibrate_camera(views, shown, size)
     except CalibrationError as error:
         raise ConfigError(f"{origin}: {error}") from error
-    for model, error_px in found.held_out_px.items():
-        typer.echo(
-            f"{model:9s} {error_px:.3f} px on corners left out{'  ← chosen' if model == found.lens.model else ''}"
-        )
+    for kind in KINDS:
+        error_px = found.held_out_px.get(kind)
+        text = "does not fit over the whole image" if error_px is None else f"{error_px:.3f} px on corners left out"
+        typer.echo(f"{kind:10s} {text}{'  ← chosen' if kind == found.kind else ''}")
     store(found, camera, datetime.now(UTC).date().isoformat(), size, out)
     typer.echo(f"rms {found.rms_px:.3f} px; put the table lens of {out} in place of camera.lens in robots.toml")
 
@@ -184,6 +184,8 @@ def _photographed(folder: Path, kind: Board) -> tuple[list[Array], tuple[int, in
     from follower.camera.replay import read_grey
     from station.calibration import find_corners
 
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: no such folder: name the one that holds the images")
     paths = sorted(path for path in folder.glob("*") if path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp"))
     if not paths:
         raise ConfigError(f"{folder}: no images (png, jpg, bmp) here")

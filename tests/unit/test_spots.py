@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from unittest.mock import Mock
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -111,3 +112,27 @@ def test_long_noise_is_parted_only_so_often(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(module, "_split", split)
     assert len(find_spots(image, RULE)) >= 80
     assert 0 < split.call_count <= 20
+
+
+@pytest.mark.parametrize("height", [1024, 1000, 129])
+def test_spots_are_found_in_every_row_of_the_image(height: int) -> None:
+    for top in [*range(0, height - 4, 13), height - 4]:
+        image = np.zeros((height, 64), np.uint8)
+        image[top : top + 4, 30:34] = 200
+        found = find_spots(image, RULE)
+        assert found.pixels.tolist() == [[31.5, top + 1.5]]
+        assert found.size_px.tolist() == [[4.0, 4.0]]
+
+
+def test_spots_in_dark_and_bright_rows_are_those_of_one_search() -> None:
+    draws = np.random.default_rng(4)
+    image = np.zeros((1000, 1280), np.uint8)
+    corners = draws.integers(0, [1280 - 9, 1000 - 9], (40, 2))
+    for (u, v), side in zip(corners, draws.integers(3, 9, 40), strict=True):
+        image[v : v + side, u : u + side] = 150
+    contours, _ = cv2.findContours(
+        (image > RULE.threshold).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )
+    boxes = [cv2.boundingRect(contour) for contour in contours]
+    found = find_spots(image, SpotRule(RULE.threshold, 2, 6000, weighting="paper"))
+    assert found.size_px.tolist() == [[float(w), float(h)] for _, _, w, h in boxes]
