@@ -168,6 +168,10 @@ def test_nothing_moves_before_start_and_each_docking_has_a_new_epoch(bench: Benc
         ({"arms": None}, "arms silent"),
         ({"drives": None}, "no drives"),
         ({"leader": replace(LEADER, lock="locked")}, "the Leader's lock is locked"),
+        (
+            {"leader": replace(LEADER, lock="fault", cause="switch lost")},
+            "the Leader's lock has a fault: switch lost",
+        ),
     ],
 )
 def test_what_keeps_it_from_arming_is_named(bench: Bench, missing: dict[str, object], named: str) -> None:
