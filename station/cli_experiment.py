@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from station.cli_options import ConfigOption, JobsOption, SeedOption, SetOption, loaded, names
+from station.cli_options import ConfigOption, JobsOption, SeedOption, SetOption, loaded, names, results_folder
 
 experiment = typer.Typer(no_args_is_help=True, help="Run the paper's experiments. `davpc experiment table1`")
 bench = typer.Typer(no_args_is_help=True, help="Measure side by side what things cost. `davpc bench control`")
@@ -163,7 +163,7 @@ def sequential(
     """
     from experiments import sequential as module
 
-    results = module.run(out, seed, jobs, loaded(config, overrides), trials, trolleys)
+    results = module.run(results_folder(out), seed, jobs, loaded(config, overrides), trials, trolleys)
     _judge(out, results)
 
 
@@ -181,7 +181,7 @@ def scenarios(
     from experiments import scenarios as module
 
     chosen = names(cases, tuple(module.SCENARIOS), "scenario")
-    results = module.run(out, seed, jobs, loaded(config, overrides), trials, chosen)
+    results = module.run(results_folder(out), seed, jobs, loaded(config, overrides), trials, chosen)
     _judge(out, results)
 
 
@@ -197,7 +197,7 @@ def linkcut(
     """The robots' link cut in the approach: the velocity commands stay equal to the bit; exit code 1 if not."""
     from experiments import linkcut as module
 
-    results = module.run(out, seed, jobs, loaded(config, overrides), trials)
+    results = module.run(results_folder(out), seed, jobs, loaded(config, overrides), trials)
     _judge(out, results)
 
 
@@ -219,7 +219,7 @@ def incidents(
     from experiments.incident_cases import CASES
 
     chosen = names(cases, tuple(CASES), "incident")
-    results = module.run(out, seed, jobs, loaded(config, overrides), trials, chosen)
+    results = module.run(results_folder(out), seed, jobs, loaded(config, overrides), trials, chosen)
     _judge(out, results)
 
 
