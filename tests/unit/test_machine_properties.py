@@ -95,6 +95,7 @@ class LockWalk:
         self.state: LockState = "fault"
         self.retracting_jam = False
         self.closing_since_ns = 0
+        self.contradicted = 0
         self.least_ns = round(config.leader.lock_travel_least_s * NS_PER_S)
 
     def step(self) -> None:
@@ -145,6 +146,8 @@ class LockWalk:
             assert request.confirmed
             assert action in ("unlock", "reset")
             assert harmless(self.follower)
+        if self.lock.state == "closing" and state == "open":
+            assert self.seen.beam_seated
         if self.lock.queue != queue and state == self.lock.state:
             assert action in ("confirm", "count")
 
@@ -156,6 +159,11 @@ class LockWalk:
     def _judge(self, before: LockState) -> None:
         state, direction = self.lock.state, self.lock.direction
         assert direction == {"closing": 1, "opening": -1}.get(state, 0)
+        # at rest, switches that say otherwise for more than a moment are a fault
+        told = (self.seen.lock_extended, self.seen.lock_retracted)
+        at_rest = {"open": (False, True), "locked": (True, False)}.get(state, told)
+        self.contradicted = self.contradicted + 1 if state == before and told != at_rest else 0
+        assert self.contradicted <= 7
         if state == "closing" and before != "closing":
             self.closing_since_ns = self.now_ns
         if state == "locked":
