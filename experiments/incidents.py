@@ -1,15 +1,14 @@
 """What goes wrong at a collection, and what the robots do: ``davpc experiment incidents``.
 
-Each case is done in several seeds; its end must be that of the safety concept, with the right cause, at standstill,
-and with the trolley still held where anything is in contact.
+Each case is done in several seeds; its end must be that of the safety concept, with the right cause on the wire and
+in the report of the attempt, at standstill, and with the trolley still held where anything is in contact.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -18,64 +17,17 @@ from common.config import Config
 from common.messages import Phase
 from common.timing import NS_PER_S
 from experiments.campaign import run_all
+from experiments.incident_cases import CASES, Case
 from experiments.queue_run import Backstage, Docking, plan, run_plan
-from experiments.results import row, write_results
+from experiments.results import missed_note, row, write_results
 
 START, SPREAD = (3.6, 0.25, 0.0), (0.15, 0.15, 4.0)
 _STANDING_M_S = 0.01
 _OCCLUDER_AHEAD_M, _OCCLUDER_RADIUS_M = 1.9, 0.45
 _LINGER_S = 1.0
-Deed = Callable[[Backstage, int], None]
-
-
-@dataclass(frozen=True)
-class Case:
-    """One incident: in which phase and how long after its begin, for how long, what may come of it.
-
-    ``ends``: the causes that are right, "done" for a docking that succeeds. ``holds``: the trolley stays gripped when
-    it does not. ``jam_m``: how far before its place the trolley is blocked.
-    """
-
-    name: str
-    deed: Literal["hide", "jam", "switch_open", "switch_closed", "led", "leader"]
-    phase: Phase
-    ends: tuple[str, ...]
-    trolley: int = 1
-    delay_s: float = 0.2
-    duration_s: float = 0.0
-    holds: bool = True
-    jam_m: float = 0.08
-
-
-_LED_PHASES: tuple[Phase, ...] = ("acquire", "approach", "insert", "push", "lock", "release", "retract")
-_OFF_ENDS: dict[Phase, tuple[str, ...]] = {
-    "acquire": ("leader_lost", "acquire_timeout", "leds_lost"),
-    "approach": ("leader_lost",),
-    "insert": ("leader_lost",),
-    "push": ("leader_lost",),
-    "lock": ("leader_silent", "leader_lost"),
-    "release": ("done",),
-    "retract": ("done",),
-}
-CASES = {
-    case.name: case
-    for case in (
-        Case("hidden 0.3 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=0.3),
-        Case("hidden 1 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=1.0),
-        Case("hidden 5 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=5.0),
-        Case("jam of trolley 1", "jam", "approach", ("contact_early",)),
-        # so near its place only the seat's switch tells
-        Case("late jam of trolley 1", "jam", "approach", ("contact_early", "lock_refused"), jam_m=0.05),
-        Case("jam of trolley 2", "jam", "approach", ("contact_early",), trolley=2),
-        Case(
-            "late jam of trolley 2", "jam", "approach", ("contact_early", "contact_elsewhere"), trolley=2, jam_m=0.05
-        ),
-        Case("lock switch stuck open", "switch_open", "approach", ("lock_refused", "lock_timeout")),
-        Case("lock switch stuck closed", "switch_closed", "idle", ("acquire_timeout", "lock_implausible")),
-        *(Case(f"LED dies in {phase}", "led", phase, ("done", "few_leds"), holds=False) for phase in _LED_PHASES),
-        *(Case(f"Leader off in {phase}", "leader", phase, ends) for phase, ends in _OFF_ENDS.items()),
-    )
-}
+_SEARCH_AFTER_S, _SEARCH_HIDDEN_S = 2.0, 5.0
+# of an approach without a LED, until that is noticed and it has slowed down
+_SLOWED_S = 1.6
 
 
 @dataclass(frozen=True)
@@ -90,13 +42,34 @@ class Job:
 
 @dataclass(frozen=True)
 class End:
-    """How it ended: cause or "done", whether it stood still and what it held, the phases on the way."""
+    """How it ended, in the world and in the report of the attempt.
+
+    Attributes:
+        ended: the cause's code, or "done".
+        cause: as it was told, with its detail.
+        still: it stood still.
+        held: it held the trolley.
+        latched_rightly: it waits for a person if, and only if, the cause asks for one or something was in contact.
+        happened: the incident came to pass.
+        reported: the record on disk says the same.
+        armed: the arm token was given.
+        pauses: of the approach, by the report.
+        searches: by the report.
+        slow: with a dead LED the approach went on no faster than it may.
+        phases: on the way.
+    """
 
     ended: str
+    cause: str
     still: bool
     held: bool
     latched_rightly: bool
     happened: bool
+    reported: bool
+    armed: bool
+    pauses: int
+    searches: int
+    slow: bool
     phases: tuple[Phase, ...]
 
 
@@ -119,16 +92,20 @@ def run(
         "trials": trials,
         "ends": ended,
         "expected": {name: CASES[name].ends for name in cases},
-        "wrong": wrong,
+        "missed": wrong,
     }
-    return write_results(out, "incidents", seed, settings, rows, [], config)
+    return write_results(out, "incidents", seed, settings, rows, [], config, missed_note(wrong))
 
 
 def is_right(case: Case, end: End) -> bool:
     """Whether it ended as the safety concept says."""
-    if not (end.happened and end.still and end.ended in case.ends):
+    if not (end.happened and end.still and end.reported and end.slow and end.ended in case.ends):
         return False
-    return end.ended == "done" or (end.latched_rightly and (end.held or not case.holds))
+    if case.hidden and not (end.pauses and bool(end.searches) == (case.hidden == "search")):
+        return False
+    if case.never_arms and end.armed:
+        return False
+    return end.ended == "done" or (end.latched_rightly and end.held and case.names in end.cause)
 
 
 def incident_job(job: Job) -> End:
@@ -136,50 +113,95 @@ def incident_job(job: Job) -> End:
     config, case = Config.model_validate_json(job.config_text), job.case
     draws = np.random.default_rng((job.seed, job.trial, len(case.name)))
     start = [float(s + draws.uniform(-w, w)) for s, w in zip(START, SPREAD, strict=True)]
-    start[0] += config.docking.trolley_pitch_m * (case.trolley - 1)
-    mishap = _Mishap(case, int(draws.integers(len(config.leds.points))))
-    what = plan(config, first=case.trolley, start=start, seed=int(draws.integers(2**31)))
+    start[0] += config.docking.trolley_pitch_m * (case.first - 1)
+    mishap = _Mishap(case, int(draws.integers(len(config.leds.points))), config.supervisor.reduced_speed_m_s)
+    count = case.trolley - case.first + 1
+    what = plan(config, first=case.first, count=count, start=start, seed=int(draws.integers(2**31)))
     docking = run_plan(what, mishap, linger_s=_LINGER_S)[-1]
     ended = "done" if docking.done else cause_code(docking.cause) or f"not locked in {docking.phase}"
-    right = docking.phase != "aborted" or docking.needs_reset == needs_reset(docking.cause)
-    return End(ended, mishap.still, mishap.held, right, mishap.began_ns is not None, _phases(docking))
+    report = docking.report or {}
+    return End(
+        ended=ended,
+        cause=docking.cause,
+        still=mishap.still,
+        held=mishap.held,
+        latched_rightly=docking.phase != "aborted" or docking.needs_reset == needs_a_person(docking),
+        happened=mishap.began_ns is not None and docking.trolley == case.trolley,
+        reported=report_agrees(report, docking),
+        armed=docking.ever_armed,
+        pauses=sum(report.get("pauses", {}).values()),
+        searches=report.get("searches", 0),
+        slow=not mishap.fast,
+        phases=tuple(phase for phase, _ in docking.phases_s),
+    )
+
+
+def needs_a_person(docking: Docking) -> bool:
+    """After S2, and after whatever ends in contact."""
+    touched = any(phase in ("insert", "push", "lock", "release", "retract") for phase, _ in docking.phases_s)
+    return touched or needs_reset(docking.cause)
+
+
+def report_agrees(report: dict[str, Any], docking: Docking) -> bool:
+    """Whether the record on disk tells the end, its cause and whether a person is asked for."""
+    told = report.get("docked"), report.get("cause"), report.get("code"), report.get("needs_reset")
+    return told == (docking.phase == "done", docking.cause, cause_code(docking.cause), docking.needs_reset)
 
 
 class _Mishap:
     """Lets one incident happen, and looks on until the end."""
 
-    def __init__(self, case: Case, led: int) -> None:
-        self._case, self._led = case, led
+    def __init__(self, case: Case, led: int, reduced_m_s: float) -> None:
+        self._case, self._led, self._reduced_m_s = case, led, reduced_m_s
         self.began_ns: int | None = None
-        self.still = self.held = False
+        self.still = self.held = self.fast = False
         self._entered_ns: int | None = None
-        self._over = False
+        self._phase: Phase = "idle"
+        self._approach_ns: int | None = None
+        self._shown_ns: int | None = None
 
     def __call__(self, now_ns: int, phase: Phase, stage: Backstage) -> None:
         case, plant = self._case, stage.world.plant
         self.still = abs(plant.v_m_s) < _STANDING_M_S
         self.held = plant.arms.holding
+        if phase != self._phase:
+            self._phase = phase
+            self._approach_ns = now_ns if phase == "approach" else None
+        self._show_or_hide(now_ns, stage)
         if self._entered_ns is None and phase == case.phase:
             self._entered_ns = now_ns
         if self._entered_ns is None:
             return
         if self.began_ns is None and now_ns - self._entered_ns >= case.delay_s * NS_PER_S:
             self.began_ns = now_ns
-            self._begin(stage)
-        ends_ns = case.duration_s * NS_PER_S
-        if not self._over and ends_ns and self.began_ns is not None and now_ns - self.began_ns >= ends_ns:
-            self._over = True
-            plant.occluders = ()
+            self._begin(now_ns, stage)
+        both_ns = max(self.began_ns or now_ns, self._approach_ns or now_ns)
+        if case.deed == "led" and now_ns - both_ns > _SLOWED_S * NS_PER_S:
+            self.fast = self.fast or plant.v_m_s > self._reduced_m_s + _STANDING_M_S
 
-    def _begin(self, stage: Backstage) -> None:
+    def _show_or_hide(self, now_ns: int, stage: Backstage) -> None:
+        """End what hides the LEDs; a search needs something that hides them before it comes to one."""
+        if self._shown_ns is not None and now_ns >= self._shown_ns:
+            stage.world.plant.occluders = ()
+        waited = self._approach_ns is not None and now_ns - self._approach_ns >= _SEARCH_AFTER_S * NS_PER_S
+        if self._case.phase == "search" and self._shown_ns is None and waited:
+            self._hide(now_ns, _SEARCH_HIDDEN_S, stage)
+
+    def _hide(self, now_ns: int, duration_s: float, stage: Backstage) -> None:
+        pose = stage.world.plant.pose
+        stage.world.plant.occluders = ((pose.x_m + _OCCLUDER_AHEAD_M, 0.5 * pose.y_m, _OCCLUDER_RADIUS_M),)
+        self._shown_ns = now_ns + round(duration_s * NS_PER_S)
+
+    def _begin(self, now_ns: int, stage: Backstage) -> None:
         plant = stage.world.plant
         faults = plant.leader.faults
         match self._case.deed:
             case "hide":
-                x = plant.pose.x_m + _OCCLUDER_AHEAD_M
-                plant.occluders = ((x, 0.5 * plant.pose.y_m, _OCCLUDER_RADIUS_M),)
+                self._hide(now_ns, self._case.duration_s, stage)
             case "jam":
                 plant.contact.jam_m = self._case.jam_m
+            case "bolt":
+                faults.bolt_blocked = True
             case "switch_open":
                 faults.stuck["lock_extended"] = False
             case "switch_closed":
@@ -189,10 +211,6 @@ class _Mishap:
             case "leader":
                 faults.powered = False
                 stage.executor.halt("leader")
-
-
-def _phases(docking: Docking) -> tuple[Phase, ...]:
-    return tuple(phase for phase, _ in docking.phases_s)
 
 
 def _count(ends: list[End], ended: str) -> int:

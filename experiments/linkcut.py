@@ -17,7 +17,7 @@ from common.config import Config
 from common.timing import NS_PER_S
 from experiments.campaign import run_all
 from experiments.queue_run import Accident, Backstage, Docking, plan, run_plan
-from experiments.results import row, write_results
+from experiments.results import missed_note, row, write_results
 
 START = ((4.0, 6.0), 1.0, 20.0)
 EXPECTED_CAUSE = "leader_silent"
@@ -56,8 +56,10 @@ def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 20) -> di
         "commands": float(sum(pair.commands for pair in pairs)),
         "different_commands": float(sum(pair.different for pair in pairs)),
     }
-    settings = {"trials": trials, "start": START, "pairs": [vars(pair) for pair in pairs]}
-    return write_results(out, "linkcut", seed, settings, [row("davpc", "link cut", trials, metrics)], [], config)
+    missed = [f"trial {i}: {pair}" for i, pair in enumerate(pairs) if not (equal[i] and named[i])]
+    settings = {"trials": trials, "start": START, "pairs": [vars(pair) for pair in pairs], "missed": missed}
+    rows = [row("davpc", "link cut", trials, metrics)]
+    return write_results(out, "linkcut", seed, settings, rows, [], config, missed_note(missed))
 
 
 def pair_job(job: Job) -> Pair:

@@ -5,6 +5,7 @@ The same nodes as on the robots, against the simulated world; the truth is taken
 
 from __future__ import annotations
 
+import json
 import math
 import tempfile
 from collections.abc import Callable, Sequence
@@ -22,6 +23,7 @@ from common.messages import Command, DockRequest, Mission, Phase
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.processes import ONE_MACHINE
 from common.timing import NS_PER_S, SteppedClock
+from follower.supervisor.journal import ATTEMPTS_FILE
 from sim.collector import Collector
 from sim.node import WorldNode
 from sim.stepped import SteppedExecutor
@@ -65,12 +67,15 @@ class Docking:
     ``metrics`` are the true errors of the Follower at the end of the approach; ``locked`` is true of the world: the
     trolley stands shut in guide or queue, and the bolt behind the first.
     ``false_locks``: states of the approach that call themselves valid with heading or bearing off by more than 10°.
+    ``ever_armed``: the arm token was given. ``report`` is what the attempt left on disk; None: nothing.
     """
 
     trolley: int
     phase: Phase = "idle"
     cause: str = ""
     needs_reset: bool = False
+    ever_armed: bool = False
+    report: dict[str, Any] | None = None
     metrics: dict[str, float] = field(default_factory=dict)
     locked: bool = False
     false_locks: int = 0
@@ -147,6 +152,7 @@ class _Watcher(Node):
                 if mission.phase == "insert" or (mission.phase in ("done", "aborted") and not docking.metrics):
                     docking.metrics = self._errors(docking.trolley)
             docking.phase, docking.cause, docking.needs_reset = mission.phase, mission.cause, mission.needs_reset
+            docking.ever_armed |= mission.armed
         self.collector.take(mission)
         if self.backstage is None:
             return
@@ -216,6 +222,14 @@ def planned_config(plan: Plan) -> Config:
     return config.model_copy(update={**update, "world": {**config.world, **dict(plan.world)}})
 
 
+def _keep_reports(dockings: list[Docking], path: Path) -> None:
+    """Give each docking the newest record of its trolley."""
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    records = {record["trolley"]: record for record in map(json.loads, lines)}
+    for docking in dockings:
+        docking.report = records.get(docking.trolley)
+
+
 def run_plan(
     plan: Plan, accident: Accident | None = None, cut_ns: int | None = None, linger_s: float = _AFTER_END_S
 ) -> list[Docking]:
@@ -231,6 +245,8 @@ def run_plan(
     config, clock = planned_config(plan), SteppedClock()
     path = default_config_path()
     with tempfile.TemporaryDirectory(prefix="davpc-") as folder:
+        # a configured state directory is the real robot's: its queue and its reports are none of a simulation's
+        config = config.model_copy(update={"state_directory": folder})
         nodes: list[Node] = [
             entry.factory()(NodeContext(config, path, Path(folder), number, clock))
             for number, entry in enumerate(ONE_MACHINE, start=1)
@@ -245,6 +261,7 @@ def run_plan(
             end_ns = clock.now_ns() + round(plan.count * _TIME_LIMIT_S * NS_PER_S)
             executor.run(end_ns, lambda: watcher.collector.finished)
             executor.run(clock.now_ns() + round(linger_s * NS_PER_S))
+        _keep_reports(watcher.dockings, Path(folder) / ATTEMPTS_FILE)
     if watcher.collector.refused:
         watcher.dockings[-1].cause = watcher.collector.refused
     return watcher.dockings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +73,11 @@ def write_results(
     text = markdown(experiment, results["rows"]) + (f"\n{note}\n" if note else "")
     (out / "table.md").write_text(text, encoding="utf-8")
     return results
+
+
+def missed_note(missed: Sequence[str]) -> str:
+    """What stands below a table whose runs must all be right: how many are not, each on a line."""
+    return "\n".join([f"{len(missed)} missed:", *(f"- {line}" for line in missed)]) if missed else "None missed."
 
 
 def markdown(experiment: str, rows: list[dict[str, Any]]) -> str:

@@ -12,8 +12,8 @@ from common.config import Config
 from experiments.campaign import run_all
 from experiments.queue_plots import draw_scenarios
 from experiments.queue_run import Docking, plan, run_plan
-from experiments.results import row, write_results
-from experiments.sequential import LOAD_KG, metrics_of
+from experiments.results import missed_note, row, write_results
+from experiments.sequential import LOAD_KG, fault_of, metrics_of
 
 
 @dataclass(frozen=True)
@@ -62,18 +62,18 @@ def run(
     text = config.model_dump_json()
     todo = [Job(text, SCENARIOS[name], seed, trial) for name in cases for trial in range(trials)]
     dockings = run_all(scenario_job, todo, jobs, "scenarios")
-    rows, failures = [], []
+    rows, missed = [], []
     for i, name in enumerate(cases):
         mine = dockings[i * trials : (i + 1) * trials]
         rows.append(row("davpc", f"{name}, trolley {SCENARIOS[name].trolley}", trials, metrics_of(config, mine)))
-        failures += [f"{name}, trial {k}: {d.cause or d.phase}" for k, d in enumerate(mine) if not d.done]
+        missed += [f"{name}, trial {k}: {fault}" for k, d in enumerate(mine) if (fault := fault_of(config, d))]
     settings = {
         "trials": trials,
         "starts": {name: SCENARIOS[name].start for name in cases},
         "spread": SPREAD,
-        "failures": failures,
+        "missed": missed,
     }
-    results = write_results(out, "scenarios", seed, settings, rows, [], config)
+    results = write_results(out, "scenarios", seed, settings, rows, [], config, missed_note(missed))
     first = {todo[i].scenario.name: (world_changes(todo[i]), dockings[i]) for i in range(0, len(todo), trials)}
     draw_scenarios(first, config, out)
     return results

@@ -18,7 +18,7 @@ from common.geometry import feature_jacobian
 from experiments.campaign import run_all
 from experiments.queue_plots import draw_sequential
 from experiments.queue_run import Docking, plan, run_plan
-from experiments.results import row, write_results
+from experiments.results import missed_note, row, write_results
 
 METRICS = ("e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px")
 START_M, START_SIDE_M, START_DEG = (5.0, 7.5), 1.5, 30.0
@@ -56,20 +56,16 @@ def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 10, troll
         rows.append(row("davpc", f"trolley {trolley}", trials, metrics_of(config, dockings)))
         e_y_cm, e_theta_deg = bounds[trolley - 1]
         rows.append(row("image bound", f"trolley {trolley}", 0, {"e_y_cm": e_y_cm, "e_theta_deg": e_theta_deg}))
-    settings = {
+    settings: dict[str, Any] = {
         "trials": trials,
         "trolleys": trolleys,
         "start": {"behind_m": START_M, "side_m": START_SIDE_M, "heading_deg": START_DEG},
         "load_kg": LOAD_KG,
         "image_bound": f"Cramér–Rao, {config.estimator.pixel_sigma_px} px, mean error of {AVERAGED_FRAMES} frames",
-        "failures": [
-            f"trial {i}, trolley {d.trolley}: {d.cause or d.phase}"
-            for i, queue in enumerate(queues)
-            for d in queue
-            if not d.done
-        ],
+        "missed": missed(config, queues, trolleys),
     }
-    results = write_results(out, "sequential", seed, settings, rows, list(PAPER), config)
+    note = missed_note(settings["missed"])
+    results = write_results(out, "sequential", seed, settings, rows, list(PAPER), config, note)
     draw_sequential(queues, bounds, config, out / "sequential.png")
     return results
 
@@ -103,6 +99,25 @@ def metrics_of(config: Config, dockings: list[Docking]) -> dict[str, float | Non
     result["docked"] = sum(docking.done and within(config, docking) for docking in dockings)
     result["false_locks"] = sum(docking.false_locks > 0 for docking in dockings)
     return result
+
+
+def missed(config: Config, queues: list[list[Docking]], trolleys: int) -> list[str]:
+    """Every docking that is not locked within its bound, that locked on something else, or that never began."""
+    found = []
+    for i, queue in enumerate(queues):
+        found += [f"trial {i}, trolley {d.trolley}: {fault}" for d in queue if (fault := fault_of(config, d))]
+        found += [f"trial {i}, trolley {k}: not begun" for k in range(len(queue) + 1, trolleys + 1)]
+    return found
+
+
+def fault_of(config: Config, docking: Docking) -> str:
+    """What is wrong with a docking; empty if nothing is."""
+    if not docking.done:
+        return docking.cause or (f"not locked in {docking.phase}")
+    if not within(config, docking):
+        error_cm, most_cm = docking.metrics.get("e_y_cm", math.nan), 100 * bound_m(config, docking.trolley)
+        return f"e_y {error_cm:.1f} cm, more than {most_cm:.0f} cm"
+    return "false lock on the way" if docking.false_locks else ""
 
 
 def within(config: Config, docking: Docking) -> bool:

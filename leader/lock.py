@@ -1,6 +1,7 @@
 """Guide and lock of the Leader as a pure state machine: switches and current in, the actuator's direction out.
 
-The lock extends behind a beam that is in its seat. A jam on the way is retracted once, then latched for a person.
+The lock extends behind a beam that is in its seat. A jam on the way, or a switch that says sooner than the bolt can
+be there that it is, is retracted once, then latched for a person.
 It retracts only on request, while the Follower is known to stand and to hold nothing against the queue; if that
 ends meanwhile, it closes again.
 """
@@ -171,12 +172,17 @@ class Lock:
         return None
 
     def _closing(self, now_ns: int, seen: LockInputs) -> Answer | None:
-        if seen.lock_extended and not seen.lock_retracted:
+        there = seen.lock_extended and not seen.lock_retracted
+        # on its way back after it began to open, the bolt may be near its end
+        too_soon = there and not self._reversed and self._travelled_s(now_ns) < self._config.lock_travel_least_s
+        if there and not too_soon:
             if not self._reversed:
                 self.queue = 1
             return self._settle("locked", "done", "locked", now_ns)
         jam = ""
-        if self._jammed(now_ns, seen):
+        if too_soon:
+            jam = f"lock switch closed after {self._travelled_s(now_ns):.2f} s, sooner than the bolt can be there"
+        elif self._jammed(now_ns, seen):
             jam = "actuator jammed: current limit"
         elif self._overdue(now_ns):
             jam = "lock switch not reached in time"
@@ -203,7 +209,9 @@ class Lock:
             return Answer(pending.id, "refused", f"closing again: {broken}") if pending is not None else None
         if self._jammed(now_ns, seen) or self._overdue(now_ns):
             first = f"{self._retracting_jam}; " if self._retracting_jam else ""
-            return self._settle("fault", "refused", f"{first}retracted switch not reached in time", now_ns)
+            both = seen.lock_extended and seen.lock_retracted
+            why = "both lock switches closed" if both else "retracted switch not reached in time"
+            return self._settle("fault", "refused", f"{first}{why}", now_ns)
         return None
 
     def _doubt(self, now_ns: int, seen: LockInputs) -> None:
@@ -234,7 +242,11 @@ class Lock:
         return self._jam_since_ns is not None and now_ns - self._jam_since_ns > _JAM_NS
 
     def _overdue(self, now_ns: int) -> bool:
-        return now_ns - self._since_ns > self._config.lock_travel_timeout_s * NS_PER_S
+        return self._travelled_s(now_ns) > self._config.lock_travel_timeout_s
+
+    def _travelled_s(self, now_ns: int) -> float:
+        """For how long the bolt has been moving as it moves now."""
+        return (now_ns - self._since_ns) / NS_PER_S
 
     def _find(self, now_ns: int, seen: LockInputs) -> None:
         """After a start the lock is where its switches say it is, wherever this process believed it to be."""

@@ -14,6 +14,7 @@ from common.config import ConfigError
 
 ATTEMPTS_FILE = "attempts.jsonl"
 _SCHEMA = "attempt/1"
+_KEYS = {"docked", "code", "arrival", "connected", "margins", "gate", "retries", "pauses", "duration_s"}
 _FEWEST_FOR_BIAS = 5
 _SURE = 4.0  # standard errors
 # smaller than this a bias does not matter, however sure it is
@@ -54,7 +55,7 @@ def read_attempts(path: Path, last: int) -> tuple[list[dict[str, Any]], int]:
     for line in lines[-last:]:
         try:
             record = json.loads(line)
-            good = record["schema"] == _SCHEMA
+            good = record["schema"] == _SCHEMA and record.keys() >= _KEYS
         except (ValueError, KeyError, TypeError):
             good = False
         if good:

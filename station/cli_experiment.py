@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from station.cli_options import ConfigOption, JobsOption, SeedOption, SetOption, loaded, names
+from station.cli_options import ConfigOption, JobsOption, SeedOption, SetOption, loaded, names, results_folder
 
 experiment = typer.Typer(no_args_is_help=True, help="Run the paper's experiments. `davpc experiment table1`")
 bench = typer.Typer(no_args_is_help=True, help="Measure side by side what things cost. `davpc bench control`")
@@ -19,6 +19,7 @@ PixelsOption = Annotated[
     bool, typer.Option("--pixels", help="render every frame and run the whole perception; some 10 s a run")
 ]
 CORES = os.cpu_count() or 1
+EXIT_MISSED = 1
 
 
 @experiment.command(epilog="Example:  davpc experiment table1 --trials 100 --out out/table1")
@@ -156,11 +157,14 @@ def sequential(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """The paper's sequential docking: errors by trolley, beside the bounds and what the smaller image allows."""
+    """The paper's sequential docking: errors by trolley, beside the bounds and what the smaller image allows.
+
+    Exit code 1 if a trolley is not locked within its bound.
+    """
     from experiments import sequential as module
 
-    module.run(out, seed, jobs, loaded(config, overrides), trials, trolleys)
-    _show(out)
+    results = module.run(results_folder(out), seed, jobs, loaded(config, overrides), trials, trolleys)
+    _judge(out, results)
 
 
 @experiment.command(epilog="Example:  davpc experiment scenarios --trials 20 --cases glass_hall")
@@ -173,12 +177,12 @@ def scenarios(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """The paper's real-world scenarios: dark outdoors, parking lot, glass hall."""
+    """The paper's real-world scenarios: dark outdoors, parking lot, glass hall. Exit code 1 if one does not dock."""
     from experiments import scenarios as module
 
     chosen = names(cases, tuple(module.SCENARIOS), "scenario")
-    module.run(out, seed, jobs, loaded(config, overrides), trials, chosen)
-    _show(out)
+    results = module.run(results_folder(out), seed, jobs, loaded(config, overrides), trials, chosen)
+    _judge(out, results)
 
 
 @experiment.command(epilog="Example:  davpc experiment linkcut --trials 20")
@@ -190,11 +194,11 @@ def linkcut(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """The robots' link cut in the approach: the velocity commands stay equal to the bit."""
+    """The robots' link cut in the approach: the velocity commands stay equal to the bit; exit code 1 if not."""
     from experiments import linkcut as module
 
-    module.run(out, seed, jobs, loaded(config, overrides), trials)
-    _show(out)
+    results = module.run(results_folder(out), seed, jobs, loaded(config, overrides), trials)
+    _judge(out, results)
 
 
 @experiment.command(epilog="Example:  davpc experiment incidents --trials 5 --cases 'hidden 5 s,Leader off in push'")
@@ -207,12 +211,16 @@ def incidents(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """Hidden LEDs, jams, stuck switches, a dead LED or Leader: reaction and cause as the safety concept says."""
-    from experiments import incidents as module
+    """Hidden LEDs, jams, stuck switches, a dead LED or Leader: reaction and cause as the safety concept says.
 
-    chosen = names(cases, tuple(module.CASES), "incident")
-    module.run(out, seed, jobs, loaded(config, overrides), trials, chosen)
-    _show(out)
+    Exit code 1 if one is otherwise.
+    """
+    from experiments import incidents as module
+    from experiments.incident_cases import CASES
+
+    chosen = names(cases, tuple(CASES), "incident")
+    results = module.run(results_folder(out), seed, jobs, loaded(config, overrides), trials, chosen)
+    _judge(out, results)
 
 
 @bench.command(epilog="Example:  davpc bench control --problems 600")
@@ -256,6 +264,13 @@ def bench_can(
 
     module.run(out, config, real_bus, cycles)
     _show(out)
+
+
+def _judge(out: Path, results: dict[str, Any]) -> None:
+    """Show the results; exit code 1 where a run did not end as it must."""
+    _show(out)
+    if results["settings"]["missed"]:
+        raise typer.Exit(EXIT_MISSED)
 
 
 def _show(out: Path) -> None:

@@ -44,6 +44,21 @@ def numbers(text: str, count: int) -> tuple[float, ...]:
     return parsed
 
 
+def results_folder(out: Path) -> Path:
+    """A folder for results, made before the hours of work that fill it.
+
+    Raises:
+        ConfigError: it cannot be made or written to.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"--out {out}: cannot be written to: {error.strerror}") from error
+    if not os.access(out, os.W_OK):
+        raise ConfigError(f"--out {out}: cannot be written to: no permission")
+    return out
+
+
 def writable(out: Path) -> Path:
     """A file that can be written, asked before the work that fills it.
 

@@ -25,6 +25,8 @@ _PAPER = {
     "m_w": "0.057",
 }
 RESULTS = "results.json"
+# from when all is warm to the end of a run; samples of resident memory scatter by less
+_FLAT_MB = 5.0
 # what runs leave in their folder, beside their logs
 OUTPUTS = (RESULTS, "trajectory*.png", "timeseries*.png", "camera_frame*.png", "collection.png")
 _LABELS = {
@@ -108,8 +110,11 @@ def _print_collection(results: dict[str, Any], console: Console) -> None:
     console.print(table)
     memory = results.get("memory_mb", {})
     if memory:
-        grown = [f"{name} {m['quarter']:.0f} → {m['end']:.0f}" for name, m in memory.items()]
-        console.print(f"resident memory, MB, at a quarter of the run → at its end: {', '.join(grown)}")
+        sizes = [f"{name} {m['quarter']:.0f} → {m['end']:.0f}" for name, m in memory.items()]
+        console.print(f"resident memory, MB, at a quarter of the run → at its end: {', '.join(sizes)}")
+        grown = [name for name, m in memory.items() if m["end"] - m["quarter"] > _FLAT_MB]
+        flat = f"[green]memory is flat: no process grew by more than {_FLAT_MB:g} MB"
+        console.print(f"[red]memory is not flat: more than {_FLAT_MB:g} MB in {', '.join(grown)}" if grown else flat)
 
 
 def _number(value: float | None) -> str:

@@ -114,6 +114,8 @@ class Attempt:
         leader = seen.leader
         if leader is None:
             return ""
+        if leader.lock == "fault":
+            return f"the Leader's lock has a fault: {leader.cause}"
         if self.trolley == 1 and leader.lock != "open":
             return f"the Leader's lock is {leader.lock}, not open for trolley 1"
         if self.trolley > 1 and leader.lock != "locked":

@@ -50,10 +50,12 @@ class Acquire(PhaseLogic):
                 return Verdict("armed")
         only_blind = bool(missing) and missing == attempt.blind(seen)
         blind_s = self._blind.held_s(only_blind, seen.now_ns)
-        if blind_s >= self.limits.lost_timeout_s and not search_refusal(attempt, seen):
+        refusal = search_refusal(attempt, seen) if only_blind else ""
+        if blind_s >= self.limits.lost_timeout_s and not refusal:
             return Verdict("leds_lost")
         if self.elapsed_s(seen) > self.limits.acquire_timeout_s:
-            return failed(f"acquire_timeout: {missing or 'drives not enabled'}")
+            named = refusal if seen.state is not None else ""
+            return failed(named or f"acquire_timeout: {missing or 'drives not enabled'}")
         return Orders(waiting=missing or "drives")
 
     def _missing(self, seen: Observed) -> str:

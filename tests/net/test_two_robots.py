@@ -71,3 +71,20 @@ def test_they_dock_under_garbage_half_open_connections_and_floods(
     assert code == 0, "".join(run.lines)
     assert is_docked(results), results
     assert all(megabytes <= GROWTH_MB for megabytes in grown.values()), grown
+
+
+@repeated_after_host_stall
+def test_without_the_link_the_approach_goes_on_and_the_lock_step_ends_by_name(
+    sim_run: Any, certificates: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / f"run{len(sim_run.runs)}"
+    with two_robots(certificates, out / "logs") as pair:
+        run = sim_run("--attach", str(pair.runtime("follower")), *pair.options())
+        run.wait_for("approach")
+        pair.running["leader"].terminate()
+        code = run.finish()
+    results = run.results()
+    assert code == 1, "".join(run.lines)
+    assert results["cause"] == "leader_silent", results
+    assert "lock" in results["phases_s"]
+    assert "release" not in results["phases_s"]

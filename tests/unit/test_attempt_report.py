@@ -180,8 +180,19 @@ def test_only_a_repeated_signed_bias_of_the_docked_pose_warns() -> None:
 
 def test_lines_that_make_no_sense_are_counted(tmp_path: Path) -> None:
     path = tmp_path / attempts.ATTEMPTS_FILE
-    path.write_text("\n".join([json.dumps(record(1)), "{", "[]", '{"schema": "attempt/9"}', json.dumps(record(2))]))
+    path.write_text(
+        "\n".join(
+            [
+                json.dumps(record(1)),
+                "{",
+                "[]",
+                '{"schema": "attempt/1"}',
+                '{"schema": "attempt/9"}',
+                json.dumps(record(2)),
+            ]
+        )
+    )
     records, unreadable = attempts.read_attempts(path, 10)
-    assert (len(records), unreadable) == (2, 3)
+    assert (len(records), unreadable) == (2, 4)
     with pytest.raises(ConfigError, match="no reports"):
         attempts.read_attempts(tmp_path / "absent", 10)

@@ -63,7 +63,7 @@ class Bench:
 
     def to_locked(self, trolleys: int = 1) -> None:
         self.ask("lock")
-        self.run(0.5, lock_retracted=False, actuator_current_a=1.2)
+        self.run(1.0, lock_retracted=False, actuator_current_a=1.2)
         self.run(0.1, lock_extended=True, actuator_current_a=0.0)
         for trolley in range(2, trolleys + 1):
             assert self.answer("confirm", trolley=trolley).outcome == "done"
@@ -139,6 +139,21 @@ def test_a_jam_that_cannot_be_retracted_stops_the_actuator(bench: Bench) -> None
     assert bench.run(0.1).lock == "fault"
     assert bench.outputs.actuator == 0
     assert "retracted switch" in bench.answers[-1].reason
+
+
+def test_a_switch_that_sticks_closed_on_the_way_is_not_a_lock(bench: Bench) -> None:
+    bench.follower = HOLDING
+    bench.ask("lock")
+    bench.run(0.2, lock_retracted=False, actuator_current_a=1.2)
+    state = bench.run(0.02, lock_extended=True)
+    assert (state.lock, state.queue, bench.outputs.actuator) == ("opening", 0, -1)
+    state = bench.run(4.0, lock_retracted=True, actuator_current_a=0.0)
+    assert (state.lock, bench.outputs.actuator) == ("fault", 0)
+    assert (
+        bench.answers[-1].reason
+        == "lock switch closed after 0.22 s, sooner than the bolt can be there; both lock switches closed"
+    )
+    assert "both lock switches" in bench.answer("reset", confirmed=True).reason
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from common.messages import Answer, DockRequest, FollowerSummary, LockRequest, L
 from common.timing import NS_PER_S
 from follower.supervisor.observed import Observed
 from follower.supervisor.transitions import ENDED, TABLE
-from leader.lock import Lock, LockInputs, interlock
+from leader.lock import Lock, LockInputs
 from tests.unit.docking_walk import STEP_NS, DockingWalk
 from tests.unit.test_leader import AWAY, HOLDING, MOVING
 
@@ -73,6 +73,11 @@ def test_walks_together_see_every_phase_and_most_ways(config: Config) -> None:
 # --- the Leader
 
 
+def harmless(follower: FollowerSummary | None) -> bool:
+    """Whether the Follower is heard to stand and to hold nothing against the queue."""
+    return follower is not None and not follower.moving and not follower.in_contact
+
+
 class LockWalk:
     """Random switches, currents, Followers and requests around a bolt that mostly moves as told."""
 
@@ -89,6 +94,9 @@ class LockWalk:
         self.seen = OPEN
         self.state: LockState = "fault"
         self.retracting_jam = False
+        self.closing_since_ns = 0
+        self.contradicted = 0
+        self.least_ns = round(config.leader.lock_travel_least_s * NS_PER_S)
 
     def step(self) -> None:
         self.now_ns += NS_PER_S // 50
@@ -111,7 +119,7 @@ class LockWalk:
             self.seated = not self.seated
         jammed = "jam" in self.broken
         if not jammed:
-            speed = 0.002 if "slow" in self.broken else 0.03
+            speed = 0.002 if "slow" in self.broken else 0.016
             self.travel = min(1.0, max(0.0, self.travel + speed * self.lock.direction))
         current = 6.0 if jammed and self.lock.direction else 1.2 * abs(self.lock.direction)
         self.seen = LockInputs(
@@ -137,7 +145,9 @@ class LockWalk:
         if self.lock.state == "opening" and state not in ("opening", "closing"):
             assert request.confirmed
             assert action in ("unlock", "reset")
-            assert interlock(self.follower) == ""
+            assert harmless(self.follower)
+        if self.lock.state == "closing" and state == "open":
+            assert self.seen.beam_seated
         if self.lock.queue != queue and state == self.lock.state:
             assert action in ("confirm", "count")
 
@@ -149,7 +159,17 @@ class LockWalk:
     def _judge(self, before: LockState) -> None:
         state, direction = self.lock.state, self.lock.direction
         assert direction == {"closing": 1, "opening": -1}.get(state, 0)
+        # at rest, switches that say otherwise for more than a moment are a fault
+        told = (self.seen.lock_extended, self.seen.lock_retracted)
+        at_rest = {"open": (False, True), "locked": (True, False)}.get(state, told)
+        self.contradicted = self.contradicted + 1 if state == before and told != at_rest else 0
+        assert self.contradicted <= 7
+        if state == "closing" and before != "closing":
+            self.closing_since_ns = self.now_ns
         if state == "locked":
+            # whatever the switch says: a bolt that was open has had the time to get there
+            travelled_ns = self.now_ns - self.closing_since_ns
+            assert before != "closing" or not self.open_since_lock or travelled_ns >= self.least_ns - NS_PER_S // 50
             self.open_since_lock = False
         elif state == "open":
             self.open_since_lock = True
@@ -157,7 +177,7 @@ class LockWalk:
             jam = before == "closing" or (self.retracting_jam and before == "opening")
             self.retracting_jam = jam
             # either nothing was locked yet, or the Follower is known to stand and to hold nothing
-            assert interlock(self.follower) == "" or (jam and self.open_since_lock)
+            assert harmless(self.follower) or (jam and self.open_since_lock)
         else:
             self.retracting_jam = False
         assert self.lock.queue is None or self.lock.queue >= 0

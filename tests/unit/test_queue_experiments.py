@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from common.causes import CAUSES
-from common.config import Config
-from experiments.incidents import CASES, End, is_right
+from common.config import Config, ConfigError
+from experiments import incidents
+from experiments.incident_cases import CASES
+from experiments.incidents import End, is_right, report_agrees
 from experiments.queue_plots import draw_sequential
 from experiments.queue_run import Docking, plan, planned_config
 from experiments.scenarios import SCENARIOS, Job, world_changes
-from experiments.sequential import bound_m, image_bound, metrics_of
+from experiments.sequential import bound_m, image_bound, metrics_of, missed
+from follower.supervisor.transitions import ACTIVE
 from sim.scenes import SCENES
 from sim.world_config import world_config
+from station.cli_experiment import experiment
 
 
 def docked(trolley: int, e_y_cm: float) -> Docking:
@@ -68,13 +74,85 @@ def test_every_expected_cause_is_one_that_exists() -> None:
     assert {end for case in CASES.values() for end in case.ends} - {"done"} <= set(CAUSES)
 
 
-def test_an_incident_ends_rightly_only_at_standstill_with_its_cause_and_its_grip() -> None:
+GOOD = End(
+    "leader_lost", "leader_lost: in contact", still=True, held=True, latched_rightly=True, happened=True,
+    reported=True, armed=True, pauses=0, searches=0, slow=True, phases=("push",),
+)  # fmt: skip
+WRONG = ("still", "held", "latched_rightly", "happened", "reported", "slow")
+
+
+def test_an_incident_ends_rightly_only_at_standstill_with_its_cause_its_report_and_its_grip() -> None:
     case = CASES["Leader off in push"]
-    good = End("leader_lost", still=True, held=True, latched_rightly=True, happened=True, phases=("push",))
+    assert is_right(case, GOOD)
+    for name in WRONG:
+        assert not is_right(case, End(**{**vars(GOOD), name: False}))
+    assert not is_right(case, replace(GOOD, ended="done"))
+
+
+def test_hidden_leds_must_be_seen_to_pause_and_to_be_searched_for_only_when_long_gone() -> None:
+    done = replace(GOOD, ended="done", cause="", held=False)
+    ends = [replace(done, pauses=pauses, searches=searches) for pauses, searches in ((1, 0), (0, 0), (1, 1))]
+    assert [is_right(CASES["hidden 1 s"], end) for end in ends] == [True, False, False]
+    assert [is_right(CASES["hidden 5 s"], end) for end in ends] == [False, False, True]
+
+
+def test_a_switch_stuck_closed_must_be_named_and_must_keep_it_from_arming() -> None:
+    named = "acquire_timeout: the Leader's lock has a fault: lock switch closed while the lock is open"
+    good = replace(GOOD, ended="acquire_timeout", cause=named, armed=False)
+    case = CASES["lock switch stuck closed"]
     assert is_right(case, good)
-    for wrong in ({"still": False}, {"held": False}, {"latched_rightly": False}, {"happened": False}):
-        assert not is_right(case, End(**{**vars(good), **wrong}))
-    assert not is_right(case, End(**{**vars(good), "ended": "done"}))
+    assert not is_right(case, replace(good, armed=True))
+    assert not is_right(case, replace(good, cause="acquire_timeout: no docking state"))
+
+
+def test_leds_and_leader_are_lost_in_every_phase() -> None:
+    driven = set(ACTIVE)
+    for deed in ("led", "leader"):
+        assert {case.phase for case in CASES.values() if case.deed == deed} == driven
+
+
+@pytest.mark.parametrize(("end", "code"), [(GOOD, 0), (replace(GOOD, ended="unwell"), 1)])
+def test_an_incident_that_ends_wrongly_is_told_and_fails_the_command(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, end: End, code: int
+) -> None:
+    monkeypatch.setattr(incidents, "run_all", lambda _work, todo, *_: [end] * len(todo))
+    arguments = ["incidents", "--trials", "2", "--cases", "Leader off in push", "--out", str(tmp_path)]
+    result = CliRunner().invoke(experiment, arguments)
+    assert result.exit_code == code
+    assert ("2 missed:" if code else "None missed.") in result.output
+    assert ("ended='unwell'" in result.output) == bool(code)
+
+
+@pytest.mark.parametrize("command", ["sequential", "scenarios", "linkcut", "incidents"])
+def test_a_folder_that_cannot_be_written_is_told_before_the_work(command: str) -> None:
+    result = CliRunner().invoke(experiment, [command, "--trials", "1", "--out", "/proc/nope"])
+    assert isinstance(result.exception, ConfigError)
+    assert str(result.exception).startswith("--out /proc/nope: cannot be written to")
+
+
+def test_a_queue_misses_what_is_not_locked_not_within_its_bound_or_never_begun(config: Config) -> None:
+    seen_wrong = docked(3, 0.5)
+    seen_wrong.false_locks = 1
+    queues = [
+        [docked(1, 6.5), docked(2, 6.5), seen_wrong, docked(4, 1.0)],
+        [docked(1, 0.1), Docking(2, "aborted", "slip")],
+    ]
+    assert missed(config, queues, 4) == [
+        "trial 0, trolley 1: e_y 6.5 cm, more than 6 cm",
+        "trial 0, trolley 3: false lock on the way",
+        "trial 1, trolley 2: slip",
+        "trial 1, trolley 3: not begun",
+        "trial 1, trolley 4: not begun",
+    ]
+
+
+def test_only_a_report_that_tells_the_same_end_agrees() -> None:
+    docking = Docking(1, "aborted", "leds_lost: 3 searches")
+    record = {"docked": False, "cause": docking.cause, "code": "leds_lost", "needs_reset": False}
+    assert report_agrees(record, docking)
+    for changed in ({"docked": True}, {"cause": ""}, {"code": "slip"}, {"needs_reset": True}):
+        assert not report_agrees(record | changed, docking)
+    assert not report_agrees({}, docking)
 
 
 def test_the_figure_is_drawn_with_failures_in_it(config: Config, tmp_path: Path) -> None:

@@ -168,6 +168,10 @@ def test_nothing_moves_before_start_and_each_docking_has_a_new_epoch(bench: Benc
         ({"arms": None}, "arms silent"),
         ({"drives": None}, "no drives"),
         ({"leader": replace(LEADER, lock="locked")}, "the Leader's lock is locked"),
+        (
+            {"leader": replace(LEADER, lock="fault", cause="switch lost")},
+            "the Leader's lock has a fault: switch lost",
+        ),
     ],
 )
 def test_what_keeps_it_from_arming_is_named(bench: Bench, missing: dict[str, object], named: str) -> None:
@@ -177,6 +181,27 @@ def test_what_keeps_it_from_arming_is_named(bench: Bench, missing: dict[str, obj
     assert bench.mission.cause.startswith("acquire_timeout")
     assert named in bench.mission.cause
     assert not bench.mission.armed
+
+
+@pytest.mark.parametrize(
+    ("leader_heard", "seen_as", "cause"),
+    [
+        (True, "few_leds", "leds_lost: too near for a search"),
+        (False, "few_leds", "leader_lost: too near for a search"),
+        (True, "no_frame", "camera_silent: no_frame"),
+    ],
+)
+def test_what_hides_the_leds_where_no_search_may_begin_is_named(
+    bench: Bench, config: Config, leader_heard: bool, seen_as: Any, cause: str
+) -> None:
+    near = Pose2(config.docking.goal(1).x_m + 0.3, 0, 0)
+    bench.run(0.1, state=docking_state(config, near))
+    blind = replace(docking_state(config, near, valid=False), cause=seen_as)
+    bench.seen = replace(bench.seen, state=blind, leader=LEADER if leader_heard else None)
+    bench.ask("start")
+    assert bench.run(6.0) == "aborted"
+    assert bench.mission is not None
+    assert (bench.mission.cause, bench.mission.armed) == (cause, False)
 
 
 def test_invisible_leds_are_searched_for_then_named(bench: Bench, config: Config) -> None:

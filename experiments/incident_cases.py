@@ -1,0 +1,105 @@
+"""The incidents: what happens, when, and which ends the safety concept (its failure modes) calls right.
+
+Whatever does not end docked still holds its trolley.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from common.messages import Phase
+
+
+@dataclass(frozen=True)
+class Case:
+    """One incident: in which phase and how long after its begin, for how long, what may come of it.
+
+    Attributes:
+        ends: the causes that are right, "done" for a docking that succeeds.
+        names: what the cause's text must say beside its code, when it is one.
+        never_arms: nothing may be armed.
+        hidden: what the LEDs' being hidden must lead to: a pause alone, or a search after it.
+        jam_m: how far before its place the trolley is blocked.
+    """
+
+    name: str
+    deed: Literal["hide", "jam", "bolt", "switch_open", "switch_closed", "led", "leader"]
+    phase: Phase
+    ends: tuple[str, ...]
+    trolley: int = 1
+    delay_s: float = 0.2
+    duration_s: float = 0.0
+    names: str = ""
+    never_arms: bool = False
+    hidden: Literal["", "pause", "search"] = ""
+    jam_m: float = 0.08
+
+    @property
+    def first(self) -> int:
+        """The trolley that the run begins with: only one that is taken up anew passes through staging."""
+        return self.trolley - 1 if self.phase == "staging" else self.trolley
+
+
+_LED_PHASES: tuple[Phase, ...] = (
+    "staging", "acquire", "search", "approach", "insert", "push", "lock", "release", "retract",
+)  # fmt: skip
+# once the Leader has said that the trolley is locked, nothing more is asked of it
+_OFF_ENDS: dict[Phase, str] = {
+    "staging": "leader_lost",
+    "acquire": "leader_lost",
+    "search": "leader_lost",
+    "approach": "leader_lost",
+    "insert": "leader_lost",
+    "push": "leader_lost",
+    "lock": "leader_silent",
+    "release": "done",
+    "retract": "done",
+}
+CASES = {
+    case.name: case
+    for case in (
+        Case("hidden 0.3 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=0.3, hidden="pause"),
+        Case("hidden 1 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=1.0, hidden="pause"),
+        Case("hidden 5 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=5.0, hidden="search"),
+        Case("jam of trolley 1", "jam", "approach", ("contact_early",)),
+        # so near its place only the seat's switch tells
+        Case("late jam of trolley 1", "jam", "approach", ("contact_early", "lock_refused"), jam_m=0.05),
+        Case("jam of trolley 2", "jam", "approach", ("contact_early",), trolley=2),
+        Case(
+            "late jam of trolley 2", "jam", "approach", ("contact_early", "contact_elsewhere"), trolley=2, jam_m=0.05
+        ),
+        Case("lock's bolt blocked", "bolt", "approach", ("lock_refused",), names="jammed"),
+        Case("lock switch stuck open", "switch_open", "approach", ("lock_refused",), names="lock switch not reached"),
+        Case(
+            "lock switch stuck closed",
+            "switch_closed",
+            "idle",
+            ("acquire_timeout",),
+            names="lock switch closed",
+            never_arms=True,
+        ),
+        Case(
+            "lock switch sticks closed in approach",
+            "switch_closed",
+            "approach",
+            ("lock_refused", "lock_implausible"),
+            names="lock switch closed",
+        ),
+        Case(
+            "lock switch sticks closed in lock",
+            "switch_closed",
+            "lock",
+            ("lock_refused",),
+            names="lock switch closed",
+        ),
+        *(
+            Case(f"LED dies in {phase}", "led", phase, ("done", "few_leds"), 2 if phase == "staging" else 1)
+            for phase in _LED_PHASES
+        ),
+        *(
+            Case(f"Leader off in {phase}", "leader", phase, (ends,), 2 if phase == "staging" else 1)
+            for phase, ends in _OFF_ENDS.items()
+        ),
+    )
+}
