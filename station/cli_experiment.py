@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from station.cli_options import ConfigOption, JobsOption, SeedOption, SetOption, loaded, names
+from station.cli_options import ConfigOption, JobsOption, OutOption, SeedOption, SetOption, loaded, names
 
 experiment = typer.Typer(no_args_is_help=True, help="Run the paper's experiments. `davpc experiment table1`")
 bench = typer.Typer(no_args_is_help=True, help="Measure side by side what things cost. `davpc bench control`")
@@ -29,7 +29,7 @@ def table1(
     pixels: PixelsOption = False,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/table1"),
+    out: OutOption = Path("out/table1"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -47,7 +47,7 @@ def table1(
 def trajectories(
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/trajectories"),
+    out: OutOption = Path("out/trajectories"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -66,7 +66,7 @@ def disturbance(
     pixels: PixelsOption = False,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/disturbance"),
+    out: OutOption = Path("out/disturbance"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -84,7 +84,7 @@ def sweep(
     trials: Annotated[int, typer.Option(min=1)] = 10,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/sweep"),
+    out: OutOption = Path("out/sweep"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -100,7 +100,7 @@ def perception(
     seeds: Annotated[int, typer.Option(min=1, help="approaches per scene")] = 20,
     scenes: Annotated[str, typer.Option(help="comma-separated; all when empty")] = "",
     jobs: JobsOption = CORES,
-    out: Path = Path("out/perception"),
+    out: OutOption = Path("out/perception"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -120,7 +120,7 @@ def stop_times(
     ] = 100,
     stalls: Annotated[int, typer.Option(min=0, help="of controller or bridge, 0.2 to 10 s")] = 50,
     seed: SeedOption = 1,
-    out: Path = Path("out/stop-times"),
+    out: OutOption = Path("out/stop-times"),
     config: ConfigOption = None,
 ) -> None:
     """How long the wheels go on after a process was killed or stopped."""
@@ -135,7 +135,7 @@ def contact(
     trials: Annotated[int, typer.Option(min=1, help="pushes, and as many approaches over pads")] = 100,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/contact"),
+    out: OutOption = Path("out/contact"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -152,7 +152,7 @@ def sequential(
     trials: Annotated[int, typer.Option(min=1, help="queues")] = 10,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/sequential"),
+    out: OutOption = Path("out/sequential"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -169,7 +169,7 @@ def scenarios(
     cases: CasesOption = "",
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/scenarios"),
+    out: OutOption = Path("out/scenarios"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -186,7 +186,7 @@ def linkcut(
     trials: Annotated[int, typer.Option(min=1, help="pairs of runs")] = 20,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/linkcut"),
+    out: OutOption = Path("out/linkcut"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -203,7 +203,7 @@ def incidents(
     cases: CasesOption = "",
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/incidents"),
+    out: OutOption = Path("out/incidents"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -219,7 +219,7 @@ def incidents(
 def control(
     problems: Annotated[int, typer.Option(min=10)] = 600,
     seed: SeedOption = 1,
-    out: Path = Path("out/bench-control"),
+    out: OutOption = Path("out/bench-control"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -233,7 +233,7 @@ def control(
 @bench.command("perception", epilog="Example:  davpc bench perception --rounds 200")
 def bench_perception(
     rounds: Annotated[int, typer.Option(min=10)] = 200,
-    out: Path = Path("out/bench-perception"),
+    out: OutOption = Path("out/bench-perception"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -248,7 +248,7 @@ def bench_perception(
 def bench_can(
     cycles: Annotated[int, typer.Option(min=100, help="of 10 ms")] = 2000,
     real_bus: Annotated[bool, typer.Option(help="the configured bus instead of simulated nodes")] = False,
-    out: Path = Path("out/bench-can"),
+    out: OutOption = Path("out/bench-can"),
     config: ConfigOption = None,
 ) -> None:
     """Round trip, exchange and lateness of the bridge's loop, and its share of a core."""

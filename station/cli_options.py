@@ -58,6 +58,25 @@ def writable(out: Path) -> Path:
     return out
 
 
+def results_folder(out: Path) -> Path:
+    """A folder that results can be written into, or that can be made, asked before the work.
+
+    Raises:
+        ConfigError: a file stands in the way, or it is closed.
+    """
+    there = out.absolute()
+    while not os.path.lexists(there):
+        there = there.parent
+    if not there.is_dir():
+        raise ConfigError(f"--out {out}: {there} is no folder")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise ConfigError(f"--out {out}: {there} cannot be written into")
+    return out
+
+
+OutOption = Annotated[Path, typer.Option(callback=results_folder, help="folder for the results; made if missing")]
+
+
 def names(text: str, known: tuple[str, ...], what: str) -> tuple[str, ...]:
     """Comma-separated names out of ``known``; all of them for an empty text.
 
