@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
@@ -28,14 +29,25 @@ def run_all(
     """
     if jobs < 1:
         raise ValueError(f"jobs = {jobs}: at least one process is needed")
+    console = console or Console(stderr=True)
+    begin_s, total = time.monotonic(), len(jobs_to_do)
     with _bar(console) as progress:
-        task = progress.add_task(title, total=len(jobs_to_do))
+        task = progress.add_task(title, total=total)
         results = []
         with _mapped(work, jobs_to_do, jobs) as finished:
             for result in finished:
                 results.append(result)
                 progress.advance(task)
+                done = len(results)
+                if not console.is_terminal and 10 * done // total > 10 * (done - 1) // total:
+                    console.print(_line(title, done, total, time.monotonic() - begin_s))
     return results
+
+
+def _line(title: str, done: int, total: int, elapsed_s: float) -> str:
+    """Progress for a log, where no bar can be drawn."""
+    left_s = elapsed_s * (total - done) / done
+    return f"{title}: {done} of {total} after {elapsed_s / 60:.1f} min, {left_s / 60:.1f} min left"
 
 
 @contextmanager
@@ -62,7 +74,7 @@ def _one_thread_each() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _bar(console: Console | None) -> Progress:
+def _bar(console: Console) -> Progress:
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -70,5 +82,5 @@ def _bar(console: Console | None) -> Progress:
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
-        console=console or Console(stderr=True),
+        console=console,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -44,13 +45,13 @@ class Task:
         """ξ."""
         return self.config.camera.mount
 
-    @property
+    @cached_property
     def heights(self) -> Array:
         """Δh per point."""
         heights: Array = self.camera[2] - self.points_l[:, 2]
         return heights
 
-    @property
+    @cached_property
     def desired(self) -> Array:
         """s*, (n, 2)."""
         return self.seen_from(self.goal)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from station.cli_options import ConfigOption, JobsOption, SeedOption, SetOption, loaded, names, results_folder
+from station.cli_options import ConfigOption, JobsOption, OutOption, SeedOption, SetOption, loaded, names
 
 experiment = typer.Typer(no_args_is_help=True, help="Run the paper's experiments. `davpc experiment table1`")
 bench = typer.Typer(no_args_is_help=True, help="Measure side by side what things cost. `davpc bench control`")
@@ -30,7 +30,7 @@ def table1(
     pixels: PixelsOption = False,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/table1"),
+    out: OutOption = Path("out/table1"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -48,7 +48,7 @@ def table1(
 def trajectories(
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/trajectories"),
+    out: OutOption = Path("out/trajectories"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -67,7 +67,7 @@ def disturbance(
     pixels: PixelsOption = False,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/disturbance"),
+    out: OutOption = Path("out/disturbance"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -85,7 +85,7 @@ def sweep(
     trials: Annotated[int, typer.Option(min=1)] = 10,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/sweep"),
+    out: OutOption = Path("out/sweep"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -101,7 +101,7 @@ def perception(
     seeds: Annotated[int, typer.Option(min=1, help="approaches per scene")] = 20,
     scenes: Annotated[str, typer.Option(help="comma-separated; all when empty")] = "",
     jobs: JobsOption = CORES,
-    out: Path = Path("out/perception"),
+    out: OutOption = Path("out/perception"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -121,7 +121,7 @@ def stop_times(
     ] = 100,
     stalls: Annotated[int, typer.Option(min=0, help="of controller or bridge, 0.2 to 10 s")] = 50,
     seed: SeedOption = 1,
-    out: Path = Path("out/stop-times"),
+    out: OutOption = Path("out/stop-times"),
     config: ConfigOption = None,
 ) -> None:
     """How long the wheels go on after a process was killed or stopped."""
@@ -136,7 +136,7 @@ def contact(
     trials: Annotated[int, typer.Option(min=1, help="pushes, and as many approaches over pads")] = 100,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/contact"),
+    out: OutOption = Path("out/contact"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -153,7 +153,7 @@ def sequential(
     trials: Annotated[int, typer.Option(min=1, help="queues")] = 10,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/sequential"),
+    out: OutOption = Path("out/sequential"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -163,7 +163,7 @@ def sequential(
     """
     from experiments import sequential as module
 
-    results = module.run(results_folder(out), seed, jobs, loaded(config, overrides), trials, trolleys)
+    results = module.run(out, seed, jobs, loaded(config, overrides), trials, trolleys)
     _judge(out, results)
 
 
@@ -173,7 +173,7 @@ def scenarios(
     cases: CasesOption = "",
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/scenarios"),
+    out: OutOption = Path("out/scenarios"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -181,7 +181,7 @@ def scenarios(
     from experiments import scenarios as module
 
     chosen = names(cases, tuple(module.SCENARIOS), "scenario")
-    results = module.run(results_folder(out), seed, jobs, loaded(config, overrides), trials, chosen)
+    results = module.run(out, seed, jobs, loaded(config, overrides), trials, chosen)
     _judge(out, results)
 
 
@@ -190,14 +190,14 @@ def linkcut(
     trials: Annotated[int, typer.Option(min=1, help="pairs of runs")] = 20,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/linkcut"),
+    out: OutOption = Path("out/linkcut"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
     """The robots' link cut in the approach: the velocity commands stay equal to the bit; exit code 1 if not."""
     from experiments import linkcut as module
 
-    results = module.run(results_folder(out), seed, jobs, loaded(config, overrides), trials)
+    results = module.run(out, seed, jobs, loaded(config, overrides), trials)
     _judge(out, results)
 
 
@@ -207,7 +207,7 @@ def incidents(
     cases: CasesOption = "",
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
-    out: Path = Path("out/incidents"),
+    out: OutOption = Path("out/incidents"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -219,7 +219,7 @@ def incidents(
     from experiments.incident_cases import CASES
 
     chosen = names(cases, tuple(CASES), "incident")
-    results = module.run(results_folder(out), seed, jobs, loaded(config, overrides), trials, chosen)
+    results = module.run(out, seed, jobs, loaded(config, overrides), trials, chosen)
     _judge(out, results)
 
 
@@ -227,7 +227,7 @@ def incidents(
 def control(
     problems: Annotated[int, typer.Option(min=10)] = 600,
     seed: SeedOption = 1,
-    out: Path = Path("out/bench-control"),
+    out: OutOption = Path("out/bench-control"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -241,7 +241,7 @@ def control(
 @bench.command("perception", epilog="Example:  davpc bench perception --rounds 200")
 def bench_perception(
     rounds: Annotated[int, typer.Option(min=10)] = 200,
-    out: Path = Path("out/bench-perception"),
+    out: OutOption = Path("out/bench-perception"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -256,7 +256,7 @@ def bench_perception(
 def bench_can(
     cycles: Annotated[int, typer.Option(min=100, help="of 10 ms")] = 2000,
     real_bus: Annotated[bool, typer.Option(help="the configured bus instead of simulated nodes")] = False,
-    out: Path = Path("out/bench-can"),
+    out: OutOption = Path("out/bench-can"),
     config: ConfigOption = None,
 ) -> None:
     """Round trip, exchange and lateness of the bridge's loop, and its share of a core."""

@@ -44,21 +44,6 @@ def numbers(text: str, count: int) -> tuple[float, ...]:
     return parsed
 
 
-def results_folder(out: Path) -> Path:
-    """A folder for results, made before the hours of work that fill it.
-
-    Raises:
-        ConfigError: it cannot be made or written to.
-    """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"--out {out}: cannot be written to: {error.strerror}") from error
-    if not os.access(out, os.W_OK):
-        raise ConfigError(f"--out {out}: cannot be written to: no permission")
-    return out
-
-
 def writable(out: Path) -> Path:
     """A file that can be written, asked before the work that fills it.
 
@@ -71,6 +56,24 @@ def writable(out: Path) -> Path:
     if out.is_dir() or not os.access(out if out.exists() else folder, os.W_OK):
         raise ConfigError(f"{out}: cannot be written: {'a folder' if out.is_dir() else 'no permission'}")
     return out
+
+
+def results_folder(out: Path) -> Path:
+    """A folder for results, made before the hours of work that fill it.
+
+    Raises:
+        ConfigError: it cannot be made or written to.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"--out {out}: cannot be written to: {error.strerror}") from error
+    if not os.access(out, os.W_OK | os.X_OK):
+        raise ConfigError(f"--out {out}: cannot be written to: no permission")
+    return out
+
+
+OutOption = Annotated[Path, typer.Option(callback=results_folder, help="folder for the results; made if missing")]
 
 
 def names(text: str, known: tuple[str, ...], what: str) -> tuple[str, ...]:

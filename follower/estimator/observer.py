@@ -18,7 +18,7 @@ from common.config import EstimatorConfig
 from common.geometry import Array, Pose2
 from common.timing import NS_PER_S
 from follower.estimator.hypotheses import Branching, Hypotheses
-from follower.estimator.motion_model import DISTURBANCE, POSE, STATES, advance, advance_all
+from follower.estimator.motion_model import DISTURBANCE, POSE, advance, advance_all
 from follower.motion import MotionDisturbance, share_of_drift
 
 Mask = NDArray[np.bool_]
@@ -106,7 +106,7 @@ class RelativeObserver:
         covariances[:, POSE, DISTURBANCE] = by_slopes[:, :, DISTURBANCE]
         covariances[:, DISTURBANCE, POSE] = by_slopes[:, :, DISTURBANCE].swapaxes(1, 2)
         covariances[:, POSE, POSE] = by_slopes @ slopes.swapaxes(1, 2)
-        variances = covariances.reshape(len(covariances), -1)[:, :: STATES + 1]
+        variances = np.einsum("kii->ki", covariances)  # a view, however they lie in memory
         variances[:, POSE] += (self._process + self._config.distance_noise**2 * abs(v_m_s)) * duration_s
         variances[:, DISTURBANCE] += known.kinds * (self._walk * (self._drifting * duration_s))
         doubt = self._doubt(v_m_s)

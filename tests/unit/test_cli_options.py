@@ -9,7 +9,8 @@ from typer.testing import CliRunner
 
 from common.config import ConfigError
 from station.cli import app
-from station.cli_options import numbers, writable
+from station.cli_experiment import bench, experiment
+from station.cli_options import numbers, results_folder, writable
 
 
 def test_numbers_are_finite_and_as_many_as_wanted() -> None:
@@ -42,3 +43,26 @@ def test_a_result_that_cannot_be_stored_is_told_before_the_work(tmp_path: Path, 
     told = CliRunner().invoke(app, [*command, "--out", str(out)])
     assert isinstance(told.exception, ConfigError)
     assert str(told.exception).startswith(f"{out}: cannot be written: no folder")
+
+
+def test_a_folder_for_results_may_be_there_or_be_made(tmp_path: Path) -> None:
+    for out in (tmp_path, tmp_path / "new" / "deep", Path("out/new")):
+        assert results_folder(out) == out
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        (group, command.name or command.callback.__name__)
+        for group, commands in (("experiment", experiment), ("bench", bench))
+        for command in commands.registered_commands
+        if command.callback is not None
+    ],
+    ids=" ".join,
+)
+def test_no_experiment_is_run_whose_results_cannot_be_stored(tmp_path: Path, command: tuple[str, str]) -> None:
+    (tmp_path / "file").touch()
+    told = CliRunner().invoke(app, [*command, "--out", str(tmp_path / "file" / "deep")])
+    assert isinstance(told.exception, ConfigError)
+    assert str(told.exception) == f"--out {tmp_path}/file/deep: cannot be written to: Not a directory"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 from dataclasses import replace
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from common.config import default_config_path, load_config
 from experiments import bench_control, disturbance, table1
@@ -143,6 +145,15 @@ def test_workers_give_linear_algebra_one_thread(monkeypatch: pytest.MonkeyPatch)
     names = ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"]
     assert run_all(os.getenv, names, 2, "threads") == ["1", "1"]
     assert [os.getenv(name) for name in names] == ["3", None]
+
+
+def test_a_log_is_told_the_progress_and_the_time_left_at_every_tenth() -> None:
+    log = io.StringIO()
+    assert run_all(abs, list(range(-40, 0)), 1, "many", Console(file=log, width=120)) == list(range(40, 0, -1))
+    told = [line for line in log.getvalue().splitlines() if " min left" in line]
+    assert len(told) == 10
+    assert told[0].startswith("many: 4 of 40 after 0.0 min")
+    assert "40 of 40" in told[-1]
 
 
 def test_summary_counts_and_averages() -> None:
