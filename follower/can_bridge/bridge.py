@@ -79,7 +79,9 @@ class Bridge:
             heard.now_ns,
             heard.command,
             self._token(heard.mission) if wanted else None,
-            WheelStatus(measured.measured_ns, *measured.wheel_speed_rad_s, measured.wheels_enabled),
+            WheelStatus(
+                measured.measured_ns, *measured.wheel_speed_rad_s, measured.wheels_enabled, *measured.wheel_angle_rad
+            ),
             StopInputs(measured.inputs_fresh, measured.estop_clear, measured.protective_clear),
         )
         if mission is not None and wanted:

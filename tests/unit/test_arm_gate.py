@@ -90,6 +90,28 @@ def test_a_lost_encoder_passes_nothing() -> None:
     assert gate.step(NOW + 10 * MS, arms(), 7, lost).rule == "arm_not_measured"
 
 
+@pytest.mark.parametrize(
+    ("joint", "step_rad", "after_ms", "rule"),
+    [
+        (0, 0.201, 10, "arm_jump"),
+        (5, -0.201, 50, "arm_jump"),
+        (3, 0.199, 10, ""),
+        (3, 0.201, 51, ""),
+        (6, 0.5, 10, ""),
+    ],
+)
+def test_a_joint_whose_angle_jumps_passes_nothing(joint: int, step_rad: float, after_ms: int, rule: str) -> None:
+    gate = ArmGate(CONFIG, "boot")
+    gate.step(NOW, arms(), 7, STILL)
+    angles = [0.0] * 8
+    angles[joint] = step_rad
+    later = NOW + after_ms * MS
+    for _ in range(2):
+        assert gate.step(later, arms(stamp_ns=later), 7, ArmMeasurement(later, tuple(angles))).rule == rule
+    settled = ArmMeasurement(later + 10 * MS, tuple(angles))
+    assert gate.step(later + 10 * MS, arms(stamp_ns=later), 7, settled).rule == ""
+
+
 @given(
     st.lists(st.floats(-1000.0, 1000.0), min_size=8, max_size=8),
     st.lists(st.floats(-10.0, 10.0), min_size=8, max_size=8),

@@ -145,6 +145,8 @@ def test_both_grow_together() -> None:
         ("not_enabled", {"status": wheels(0.3, T0 + 1000 * MS, enabled=False)}),
         ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, math.nan, 3.5, True)}),
         ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, math.inf, True)}),
+        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, 3.5, True, math.nan, 0.0)}),
+        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, 3.5, True, 0.0, -math.inf)}),
     ],
 )
 def test_stops_at_once(rule: str, given: dict[str, Any]) -> None:
@@ -341,6 +343,20 @@ def test_an_encoder_jump_stops_it(beyond: float, side: int, direction: float) ->
     rims = [0.2, 0.2]
     rims[side] += direction * (0.30 + beyond)
     decision = bench.step(status=WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True))
+    assert (decision.rule == "measured_jump") == (beyond > 0)
+
+
+@pytest.mark.parametrize("beyond", [-1e-6, 1e-6])
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_an_angle_that_jumps_stops_it_however_steady_the_speed(beyond: float, side: int, direction: float) -> None:
+    bench = Bench()
+    bench.drive(0.2)
+    before = [1.0, -2.0]
+    bench.now_ns += 41 * MS  # too long ago for the angles to be compared
+    bench.order(0.2, status=replace(wheels(0.2, bench.now_ns), left_rad=before[0], right_rad=before[1]))
+    before[side] += direction * (0.05 + beyond) / RADIUS
+    decision = bench.order(0.2, status=replace(wheels(0.2, bench.now_ns), left_rad=before[0], right_rad=before[1]))
     assert (decision.rule == "measured_jump") == (beyond > 0)
 
 
