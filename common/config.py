@@ -435,12 +435,22 @@ class LeaderConfig(Section):
 
 
 class BaseConfig(Section):
-    """The Follower's differential drive, and below which voltage its battery is to be charged (0: not judged)."""
+    """The Follower's differential drive, and its battery: 0 V as a bound means that it is not judged.
+
+    Below ``battery_low_v`` the doctor asks for a charge; below ``battery_min_v`` nothing is armed, a docking pauses.
+    """
 
     wheel_radius_m: Positive
     track_m: Positive
     latency_ms: NonNegative
     battery_low_v: NonNegative = 0.0
+    battery_min_v: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _charge_before_the_end(self) -> BaseConfig:
+        if self.battery_low_v and self.battery_min_v > self.battery_low_v:
+            raise ValueError("battery_min_v is above battery_low_v: it would stop before it asks for a charge")
+        return self
 
 
 DEFAULT_NAMESPACE = "davpc"

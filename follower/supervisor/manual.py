@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from common.config import Config
 from common.messages import Answer, ArmState, Command, DockRequest, Drives, ManualRequest, Mission, Phase
 from common.timing import NS_PER_MS, NS_PER_S
+from follower.supervisor.attempt import undervoltage
 
 # the station learns the epoch from the mission before it can command
 _FIRST_COMMAND_NS = 2 * NS_PER_S
@@ -130,7 +131,7 @@ class ManualMode:
             return "a stop input is active"
         if seen.drives.state == "fault":
             return f"drives: {seen.drives.cause}"[:400]
-        return ""
+        return undervoltage(self._config.base, seen.drives)
 
     def _watch(self, seen: ManualSeen) -> None:
         drives = seen.drives

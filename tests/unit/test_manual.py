@@ -98,6 +98,7 @@ def test_it_arms_an_epoch_of_its_own_with_low_caps(hand: Hand) -> None:
         ({"arms": None}, "the arms' process is silent"),
         ({"drives": replace(DISARMED, stop_inputs_clear=False)}, "a stop input is active"),
         ({"drives": replace(DISARMED, state="fault", cause="left wheel: hot")}, "drives: left wheel: hot"),
+        ({"drives": replace(DISARMED, battery_v=21.9)}, "battery at 21.9 V, below 22 V (base.battery_min_v)"),
     ],
 )
 def test_it_refuses_with_one_line(hand: Hand, changes: dict[str, Any], reason: str) -> None:
