@@ -384,6 +384,7 @@ class FollowerCanConfig(Section):
     lift: DriveConfig
     io_node_id: Annotated[int, Field(ge=1, le=127)]
     shadow: Annotated[bool, Field(description="never enable a drive; tell what would have been commanded")] = False
+    readonly: Annotated[bool, Field(description="send nothing: follow what another master does on the bus")] = False
     watchdog_ms: Annotated[int, Field(ge=20, le=80)]
     wheel_ramp_m_s2: Annotated[float, Field(gt=0, le=1.0, description="the drives' own: 6083h to 6085h")]
     lift_lead_m: Annotated[Positive, Field(description="lift per turn of the lead screw")]

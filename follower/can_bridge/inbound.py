@@ -126,13 +126,15 @@ class Inbound:
     def _genuine(self, frame: CanFrame, stamp_ns: int) -> bool:
         found = self._by_tpdo.get(frame.can_id)
         if found is not None:
+            if self._started_ns is None:
+                return True  # who listens in between two SYNCs hears answers to one that he did not hear
             return found[0].take(found[1], frame.data, stamp_ns)
         node_id, service = frame.can_id & 0x7F, frame.can_id & 0x780
         if node_id not in self._by_id and node_id != self.io.node_id:
             self.unknown += 1
             return True
         if service == TPDO[0]:
-            return self.io.take(frame.data, stamp_ns)
+            return self._started_ns is None or self.io.take(frame.data, stamp_ns)
         if service == EMCY:
             return self._emergency(node_id, frame.data)
         if service == HEARTBEAT:
