@@ -12,6 +12,7 @@ from pathlib import Path
 
 from common.canopen_bus import BusLostError, CanBus
 from common.canopen_frames import (
+    HEARTBEAT,
     NMT_PRE_OPERATIONAL,
     NMT_START,
     STATE_OPERATIONAL,
@@ -23,6 +24,7 @@ from common.canopen_frames import (
 from common.canopen_node import CanopenNode, find_eds
 from common.cia402 import DriveState, Target
 from common.config import BaseConfig, FollowerCanConfig
+from common.node import DeviceError
 from common.timing import NS_PER_MS
 from follower.can_bridge.axes import Axis, Group
 from follower.can_bridge.inbound import Inbound
@@ -31,6 +33,8 @@ from follower.can_bridge.robot_axes import make_axes, make_homing_axes
 
 _HEARTBEAT_MS = 100
 _ANSWER_NS = NS_PER_MS // 2
+# a master's heartbeat comes every 10 ms; a simulated bus tells a newcomer nothing for 50 ms
+_ALONE_S = 0.1
 
 
 class DriveBus:
@@ -73,7 +77,8 @@ class DriveBus:
         """Open the bus and bring every node up, disabled. Also the way back after a lost bus.
 
         Raises:
-            DeviceError: no bus, a silent node, another device, a refused or lost write: named, nothing enabled.
+            DeviceError: no bus, another master at work on it, a silent node, another device, a refused or lost write:
+                named, nothing enabled.
             ConfigError: an EDS is missing or not one.
         """
         self.close()
@@ -156,6 +161,11 @@ class DriveBus:
 
     def _bring_up(self, bus: CanBus) -> None:
         config = self._config
+        if bus.hears(HEARTBEAT + config.master_node_id, _ALONE_S):
+            raise DeviceError(
+                f"CAN bus {bus.name}: another master works on it (heartbeat of node {config.master_node_id}): "
+                "stop its bridge first"
+            )
         bus.send(nmt_frame(NMT_PRE_OPERATIONAL))
         io = CanopenNode(bus, config.io_node_id, self._inbound.io.name, self._io_eds)
         io.check_identity()
