@@ -388,6 +388,7 @@ class FollowerCanConfig(Section):
     watchdog_ms: Annotated[int, Field(ge=20, le=80)]
     wheel_ramp_m_s2: Annotated[float, Field(gt=0, le=1.0, description="the drives' own: 6083h to 6085h")]
     lift_lead_m: Annotated[Positive, Field(description="lift per turn of the lead screw")]
+    lift_max_m: Annotated[float, Field(gt=0, le=1.0, description="travel of the lift: it is never told more")] = 1.0
     lift_speed_m_s: Annotated[float, Field(gt=0, le=0.1)]
     lift_acceleration_m_s2: Annotated[float, Field(gt=0, le=1.0)]
 

@@ -66,6 +66,7 @@ class ArmGate:
         caps = [_cap(drive, HARD_JOINT_TORQUE_N_M) for drive in config.joints]
         self._torque_caps = (*caps, *(_cap(drive, HARD_GRIP_TORQUE_N_M) for drive in config.grippers))
         self._speed_caps = (MAX_JOINT_SPEED_RAD_S,) * len(config.joints) + (MAX_GRIP_SPEED_RAD_S,) * 2
+        self._lift_max_m = min(config.lift_max_m, HARD_LIFT_M)
         self._boot_id = boot_id
         self._before: ArmMeasurement | None = None
         self._speeds = (0.0,) * len(self._torque_caps)
@@ -93,7 +94,7 @@ class ArmGate:
         slowed = self._slow(capped)
         if slowed != capped:
             clipped.append("arm_speed")
-        lift_m = max(0.0, min(HARD_LIFT_M, newest.setpoint.lift_m))
+        lift_m = max(0.0, min(self._lift_max_m, newest.setpoint.lift_m))
         return ArmDecision(slowed[:6], (slowed[6], slowed[7]), lift_m, "", tuple(clipped))
 
     def _refusal(self, now_ns: int, newest: SignedArms | None, epoch: int) -> str:

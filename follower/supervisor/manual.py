@@ -105,7 +105,7 @@ class ManualMode:
         if request.action == "stop":
             self._end("")
             return Answer(request.id, "done", "disarmed")
-        refusal = self._refusal(seen)
+        refusal = self._refusal(seen) or self._beyond_travel(request)
         if refusal:
             return Answer(request.id, "refused", refusal)
         self._wanted = request
@@ -132,6 +132,12 @@ class ManualMode:
         if seen.drives.state == "fault":
             return f"drives: {seen.drives.cause}"[:400]
         return undervoltage(self._config.base, seen.drives)
+
+    def _beyond_travel(self, request: ManualRequest) -> str:
+        most_m = self._config.follower_can.lift_max_m
+        if request.lift_m is None or request.lift_m <= most_m:
+            return ""
+        return f"the lift goes up to {1000 * most_m:.0f} mm (follower_can.lift_max_m)"
 
     def _watch(self, seen: ManualSeen) -> None:
         drives = seen.drives

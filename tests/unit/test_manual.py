@@ -108,6 +108,12 @@ def test_it_refuses_with_one_line(hand: Hand, changes: dict[str, Any], reason: s
     assert not hand.mode.active
 
 
+def test_it_refuses_a_height_beyond_the_lifts_travel(hand: Hand) -> None:
+    answer = hand.ask(lift_m=0.501)
+    assert (answer.outcome, answer.reason) == ("refused", "the lift goes up to 500 mm (follower_can.lift_max_m)")
+    assert hand.ask(lift_m=0.5).outcome == "accepted"
+
+
 def test_an_expired_request_and_a_second_station_arm_nothing(hand: Hand) -> None:
     old = ManualRequest("old", hand.seen.now_ns - 1, "start")
     assert hand.step(requests=(old,)).answers[0].outcome == "expired"
