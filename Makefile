@@ -41,8 +41,9 @@ lint: $(READY) ## Format, lint, types, import rules
 	@echo "[lint] import rules"; $(VENV)/bin/lint-imports > .venv/lint-imports.log || { cat .venv/lint-imports.log; exit 1; }
 
 cover: $(READY) ## Branch coverage of the gate by its own tests: anything below 100 % fails
-	@$(VENV)/bin/python -m pytest -q --cov=follower.can_bridge.gate --cov=follower.can_bridge.wheel_watch --cov-branch \
-	  --cov-fail-under=100 --cov-report=term-missing tests/unit/test_gate.py tests/unit/test_wheel_watch.py
+	@$(VENV)/bin/python -m pytest -q --cov-branch --cov-fail-under=100 --cov-report=term-missing \
+	  $(addprefix --cov=follower.can_bridge.,gate wheel_watch arm_gate) \
+	  tests/unit/test_gate.py tests/unit/test_wheel_watch.py tests/unit/test_arm_gate.py
 
 mutate: cover ## The same, then a mutation test of the gate: its tests must notice every change
 	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/gate.py tests/unit/test_gate.py
