@@ -360,6 +360,20 @@ def test_an_angle_that_jumps_stops_it_however_steady_the_speed(beyond: float, si
     assert (decision.rule == "measured_jump") == (beyond > 0)
 
 
+@pytest.mark.parametrize("beyond", [False, True])
+@pytest.mark.parametrize(("field", "bound"), [("left_rad_s", 0.30), ("right_rad", 0.05)])
+def test_a_jump_of_exactly_the_bound_is_borne(field: str, bound: float, beyond: bool) -> None:
+    gate = Gate(LIMITS, BASE, BOOT)
+    gate.step(T0, None, token(T0), wheels(0.0, T0), CLEAR)
+    step = bound / RADIUS
+    assert step * RADIUS == bound
+    later = T0 + 10 * MS
+    changed: dict[str, Any] = {field: step + 1e-12 if beyond else step}
+    status = replace(wheels(0.0, later), **changed)
+    newest = signed(command(stamp_ns=later))
+    assert gate.step(later, newest, token(later), status, CLEAR).rule == ("measured_jump" if beyond else "")
+
+
 def test_a_jump_counts_only_between_two_recent_measurements() -> None:
     bench = Bench()
     bench.step(status=wheels(0.0, -1))
