@@ -1,6 +1,6 @@
 # davpc: `make help` lists what there is.
 .DEFAULT_GOAL := help
-.PHONY: help setup sim test lint mutate prove lock wheels clean
+.PHONY: help setup sim test lint cover mutate prove lock wheels clean
 
 VENV := .venv
 READY := $(VENV)/.ready
@@ -40,7 +40,12 @@ lint: $(READY) ## Format, lint, types, import rules
 	@echo "[lint] types"; $(VENV)/bin/mypy --no-error-summary
 	@echo "[lint] import rules"; $(VENV)/bin/lint-imports > .venv/lint-imports.log || { cat .venv/lint-imports.log; exit 1; }
 
-mutate: $(READY) ## Mutation test of the gate: its tests must notice every change
+cover: $(READY) ## Branch coverage of the gate by its own tests: anything below 100 % fails
+	@$(VENV)/bin/python -m pytest -q --cov-branch --cov-fail-under=100 --cov-report=term-missing \
+	  $(addprefix --cov=follower.can_bridge.,gate wheel_watch arm_gate) \
+	  tests/unit/test_gate.py tests/unit/test_wheel_watch.py tests/unit/test_arm_gate.py
+
+mutate: cover ## The same, then a mutation test of the gate: its tests must notice every change
 	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/gate.py tests/unit/test_gate.py
 	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/wheel_watch.py tests/unit/test_wheel_watch.py
 

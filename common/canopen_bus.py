@@ -102,6 +102,18 @@ class CanBus:
                 return frame
         return None
 
+    def hears(self, can_id: int, within_s: float) -> bool:
+        """Whether a frame of this identifier comes in time (in stepped time: is there); others are passed over.
+
+        Raises:
+            BusLostError: as for :meth:`receive`.
+        """
+        deadline = time.monotonic() + within_s
+        while (frame := self.wait(deadline - time.monotonic())) is not None:
+            if frame.can_id == can_id:
+                return True
+        return False
+
     def close(self) -> None:
         """Close the bus; closing twice does nothing."""
         self._bus.shutdown()

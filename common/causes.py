@@ -21,8 +21,8 @@ class Cause:
     remedy: str
 
 
-# what the bridge says while a drive is not heard, before a colon and the drive
-NODE_SILENT: Final = "node_silent"
+# what the bridge says, before a colon, while drives are not heard or frames cannot be genuine: S1, it may pass
+NODE_SILENT, BAD_FRAMES = "node_silent", "bad_frames"
 _LOOK: Final = "look at the robots, then `davpc dock reset`"
 _CAUSES: Final[tuple[Cause, ...]] = (
     Cause("operator_abort", "S1", "a person asked for it", "`davpc dock start` when ready"),

@@ -384,9 +384,11 @@ class FollowerCanConfig(Section):
     lift: DriveConfig
     io_node_id: Annotated[int, Field(ge=1, le=127)]
     shadow: Annotated[bool, Field(description="never enable a drive; tell what would have been commanded")] = False
+    readonly: Annotated[bool, Field(description="send nothing: follow what another master does on the bus")] = False
     watchdog_ms: Annotated[int, Field(ge=20, le=80)]
     wheel_ramp_m_s2: Annotated[float, Field(gt=0, le=1.0, description="the drives' own: 6083h to 6085h")]
     lift_lead_m: Annotated[Positive, Field(description="lift per turn of the lead screw")]
+    lift_max_m: Annotated[float, Field(gt=0, le=1.0, description="travel of the lift: it is never told more")] = 1.0
     lift_speed_m_s: Annotated[float, Field(gt=0, le=0.1)]
     lift_acceleration_m_s2: Annotated[float, Field(gt=0, le=1.0)]
 
@@ -444,12 +446,22 @@ class LeaderConfig(Section):
 
 
 class BaseConfig(Section):
-    """The Follower's differential drive, and below which voltage its battery is to be charged (0: not judged)."""
+    """The Follower's differential drive, and its battery: 0 V as a bound means that it is not judged.
+
+    Below ``battery_low_v`` the doctor asks for a charge; below ``battery_min_v`` nothing is armed, a docking pauses.
+    """
 
     wheel_radius_m: Positive
     track_m: Positive
     latency_ms: NonNegative
     battery_low_v: NonNegative = 0.0
+    battery_min_v: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _charge_before_the_end(self) -> BaseConfig:
+        if self.battery_low_v and self.battery_min_v > self.battery_low_v:
+            raise ValueError("battery_min_v is above battery_low_v: it would stop before it asks for a charge")
+        return self
 
 
 DEFAULT_NAMESPACE = "davpc"

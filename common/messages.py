@@ -256,8 +256,8 @@ class Drives:
 
     ``v_set``/``w_set`` are what was last sent; ``command_sequence`` is the last command that was accepted and
     ``image_to_can_ns`` the time from its image's capture to its first frame on the bus. ``gate_intervened`` names the
-    rules that the last of ``gate_interventions`` was for. In ``shadow`` the drives are
-    never enabled: ``state`` and what is set are as if they were, what is measured is measured.
+    rules that the last of ``gate_interventions`` was for. In ``shadow`` (and read-only) the drives
+    are never enabled: ``state`` and what is set are as if they were, what is measured is measured.
     """
 
     SCHEMA: ClassVar[str] = "drives/2"

@@ -49,14 +49,21 @@ class BusFaults:
 
 @dataclass
 class EncoderFault:
-    """How an encoder lies: a jump of so many output units, its speed stuck at a value, its sign turned."""
+    """How an encoder lies: a jump of so many output units, its speed stuck at a value, its sign turned.
+
+    A turned sign counts backwards from where the shaft is when it turns.
+    """
 
     jump: float = 0.0
     stuck_at: float | None = None
     inverted: bool = False
+    _turned_at: float | None = field(default=None, init=False)
 
     def read(self, position: float, velocity: float) -> tuple[float, float]:
         """What the drive believes, from position and speed of the output shaft."""
-        sign = -1.0 if self.inverted else 1.0
         seen = velocity if self.stuck_at is None else self.stuck_at
-        return sign * position + self.jump, sign * seen
+        if not self.inverted:
+            return position + self.jump, seen
+        if self._turned_at is None:
+            self._turned_at = position
+        return 2.0 * self._turned_at - position + self.jump, -seen

@@ -138,6 +138,10 @@ def run(
     shadow: Annotated[
         bool, typer.Option("--shadow", help="the CAN bridge never enables a drive and tells what it would command")
     ] = False,
+    readonly: Annotated[
+        bool,
+        typer.Option("--readonly", help="the CAN bridge sends nothing and tells what another master's drives do"),
+    ] = False,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -150,7 +154,8 @@ def run(
         raise ConfigError(str(error.args[0])) from error
     if not runtime.is_dir():
         raise ConfigError(f"{runtime}: no such folder; make it with mode 0700, or let systemd do so")
-    chosen = [*(overrides or []), *(["follower_can.shadow=true"] if shadow else [])]
+    modes = {"shadow": shadow, "readonly": readonly}
+    chosen = [*(overrides or []), *(f"follower_can.{mode}=true" for mode, wanted in modes.items() if wanted)]
     raise typer.Exit(run_process(name, config or default_config_path(), runtime, chosen))
 
 

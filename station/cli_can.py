@@ -122,6 +122,8 @@ def _monitor_table(rows: list[NodeRow], measured: Measurement) -> Table:
         table.add_row(str(row.node_id), row.name, row.state, *values, "; ".join(row.faults))
     clear = "clear" if measured.estop_clear and measured.protective_clear else "STOP"
     table.caption = f"stop inputs {clear}, battery {measured.battery_v:.1f} V, malformed {measured.malformed}"
+    if measured.measured_ns < 0:
+        table.caption = "no SYNC heard: nobody works on this bus; davpc can scan asks the nodes"
     return table
 
 

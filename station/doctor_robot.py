@@ -50,8 +50,11 @@ def check_drivers(config: Config, on_hardware: bool) -> Finding:
     text = f"camera {config.camera.driver}, buses {', '.join(bus.interface for _, bus in buses)}"
     if on_hardware and stand_ins:
         return failed("drivers", f"simulated on a robot: {', '.join(stand_ins)}", "name the real ones")
-    if config.follower_can.shadow:
-        return warning("drivers", f"{text}; follower_can.shadow", "no drive is ever enabled: set it false to drive")
+    for mode in ("shadow", "readonly"):
+        if getattr(config.follower_can, mode):
+            return warning(
+                "drivers", f"{text}; follower_can.{mode}", "no drive is ever enabled: set it false to drive"
+            )
     return ok("drivers", text)
 
 
@@ -173,7 +176,9 @@ def check_drives(drives: Drives | None) -> Finding:
         return warning("drives", f"{text}; a stop input is active or silent", "release emergency and protective stop")
     if drives.shadow:
         return warning(
-            "drives", f"{text}; in shadow", "no drive is ever enabled: follower_can.shadow = false to drive"
+            "drives",
+            f"{text}; in shadow or read-only",
+            "no drive is ever enabled: follower_can.shadow = false, readonly = false to drive",
         )
     return ok("drives", f"{text}; stop inputs clear; identities and watchdogs were read back when the bus opened")
 

@@ -188,7 +188,7 @@ class EnableTest:
         moved = max(abs(speed) for speed in later.wheel_speed_rad_s) * radius
         stopped = took_ms <= WATCHDOG_LIMIT_MS and moved < 0.01
         # that the drives stopped by themselves is what was asked for
-        self._measured = replace(later, faults=(), stalled="", silent=())
+        self._measured = replace(later, faults=(), stalled="", silent=(), bad_frames="")
         return self._check(
             "watchdog", stopped, f"quick stop {took_ms:.0f} ms after the last heartbeat, then {moved:.3f} m/s"
         )

@@ -1,7 +1,8 @@
 """The arms' part of the gate: what of the arms' set-points reaches joints, grippers and lift (SAFETY.md layer 2).
 
 Pure, as :mod:`follower.can_bridge.gate`. A set-point is followed for 100 ms; torques are capped by constants and by
-what each drive may give; a joint that moves too fast is not pushed further. Without a genuine set-point the rule
+what each drive may give; a joint that moves too fast is not pushed further, and one whose angle jumps has an encoder
+that cannot be trusted (SAFETY.md, row 22). Without a genuine set-point the rule
 says so, and the caller holds the arms: they never let go of what they hold.
 """
 
@@ -21,6 +22,9 @@ HARD_GRIP_TORQUE_N_M: Final = 6.0
 HARD_LIFT_M: Final = 1.0
 MAX_JOINT_SPEED_RAD_S: Final = 1.5
 MAX_GRIP_SPEED_RAD_S: Final = 4.0
+MAX_JOINT_STEP_RAD: Final = 0.2
+STEP_MAX_AGE_MS: Final = 50
+"""An angle that changes by more than that step within this time jumped: no collision throws a joint so far."""
 SETPOINT_MAX_AGE_MS: Final = 100
 
 
@@ -62,9 +66,12 @@ class ArmGate:
         caps = [_cap(drive, HARD_JOINT_TORQUE_N_M) for drive in config.joints]
         self._torque_caps = (*caps, *(_cap(drive, HARD_GRIP_TORQUE_N_M) for drive in config.grippers))
         self._speed_caps = (MAX_JOINT_SPEED_RAD_S,) * len(config.joints) + (MAX_GRIP_SPEED_RAD_S,) * 2
+        self._lift_max_m = min(config.lift_max_m, HARD_LIFT_M)
         self._boot_id = boot_id
         self._before: ArmMeasurement | None = None
         self._speeds = (0.0,) * len(self._torque_caps)
+        self._joints = len(config.joints)
+        self._jumped = False
 
     def step(self, now_ns: int, newest: SignedArms | None, epoch: int, measured: ArmMeasurement) -> ArmDecision:
         """Decide what goes to the arms in this frame.
@@ -87,7 +94,7 @@ class ArmGate:
         slowed = self._slow(capped)
         if slowed != capped:
             clipped.append("arm_speed")
-        lift_m = max(0.0, min(HARD_LIFT_M, newest.setpoint.lift_m))
+        lift_m = max(0.0, min(self._lift_max_m, newest.setpoint.lift_m))
         return ArmDecision(slowed[:6], (slowed[6], slowed[7]), lift_m, "", tuple(clipped))
 
     def _refusal(self, now_ns: int, newest: SignedArms | None, epoch: int) -> str:
@@ -100,17 +107,22 @@ class ArmGate:
             return "arm_not_finite"
         if not all(map(math.isfinite, self._speeds)):
             return "arm_not_measured"
+        if self._jumped:
+            return "arm_jump"
         return "arm_epoch" if told.epoch != epoch else ""
 
     def _measure(self, measured: ArmMeasurement) -> tuple[float, ...]:
-        """Speeds between the last two measurements; kept while there is no new one."""
+        """Speeds between the last two measurements, and whether a joint jumped; kept while there is no new one."""
         before = self._before
         if before is None or measured.measured_ns <= before.measured_ns:
             self._before = before or measured
             return self._speeds
-        elapsed_s = (measured.measured_ns - before.measured_ns) / NS_PER_S
+        elapsed_ns = measured.measured_ns - before.measured_ns
         self._before = measured
-        return tuple((b - a) / elapsed_s for a, b in zip(before.angles_rad, measured.angles_rad, strict=True))
+        steps = [b - a for a, b in zip(before.angles_rad, measured.angles_rad, strict=True)]
+        farthest = max(map(abs, steps[: self._joints]))
+        self._jumped = farthest > MAX_JOINT_STEP_RAD and elapsed_ns <= STEP_MAX_AGE_MS * NS_PER_MS
+        return tuple(step * NS_PER_S / elapsed_ns for step in steps)
 
     def _slow(self, torques: Sequence[float]) -> tuple[float, ...]:
         """Nothing that would push a joint on in the direction in which it is too fast already; braking is free."""

@@ -130,6 +130,7 @@ class Axis:
         target = self._target_object()
         node.map_receive_pdo(1, (CONTROLWORD, target) if target is not None else (CONTROLWORD,))
         self._see(node.read(0x6041))
+        self._see_position(node.read(0x6064))
 
     def _check_homed(self, node: CanopenNode) -> None:
         """In mode 6 the statusword tells whether home was found since the drive was switched on."""

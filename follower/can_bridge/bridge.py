@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from common.causes import NODE_SILENT
 from common.config import Config
 from common.kinematics import twist_from_wheels, wheels_from_twist
 from common.messages import ArmSetpoint, Mission
@@ -47,9 +46,9 @@ class Bridge:
     """Pure: one :meth:`step` per cycle, before the exchange that carries its orders out.
 
     A rule of the gate that is not benign stops the motion and disarms until the supervisor begins a new epoch. So
-    does a drive that is not heard (``node_silent``), and a stall of the bridge itself, which the drives' watchdogs
-    noticed (``bridge_stalled``). What these latched is released at standstill only, by power off; a new epoch waits
-    for that in ``enabling``.
+    does a drive that is not heard, a bus with frames that cannot be genuine, and a stall of the bridge itself, which
+    the drives' watchdogs noticed (``bridge_stalled``). What these latched is released at standstill only, by power
+    off; a new epoch waits for that in ``enabling``.
     """
 
     def __init__(self, config: Config, boot_id: str) -> None:
@@ -81,7 +80,9 @@ class Bridge:
             heard.now_ns,
             heard.command,
             self._token(heard.mission) if wanted else None,
-            WheelStatus(measured.measured_ns, *measured.wheel_speed_rad_s, measured.wheels_enabled),
+            WheelStatus(
+                measured.measured_ns, *measured.wheel_speed_rad_s, measured.wheels_enabled, *measured.wheel_angle_rad
+            ),
             StopInputs(measured.inputs_fresh, measured.estop_clear, measured.protective_clear),
         )
         if mission is not None and wanted:
@@ -123,9 +124,9 @@ class Bridge:
             self.cause = measured.faults[0] if measured.faults else "bus lost"
             if wanted:
                 self._stopped_epoch = self.epoch
-        elif stalls or measured.silent:
+        elif stalls or measured.passing:
             self.state = "stopped"
-            self.cause = STALLED if stalls else f"{NODE_SILENT}: {measured.silent[0]}"
+            self.cause = STALLED if stalls else measured.passing
             if wanted:
                 self._stopped_epoch = self.epoch
         elif not wanted:

@@ -8,10 +8,12 @@ wheels ramp down and go free, arms hold their position.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from common.canopen_bus import BusLostError, CanBus
 from common.canopen_frames import (
+    HEARTBEAT,
     NMT_PRE_OPERATIONAL,
     NMT_START,
     STATE_OPERATIONAL,
@@ -23,6 +25,7 @@ from common.canopen_frames import (
 from common.canopen_node import CanopenNode, find_eds
 from common.cia402 import DriveState, Target
 from common.config import BaseConfig, FollowerCanConfig
+from common.node import DeviceError
 from common.timing import NS_PER_MS
 from follower.can_bridge.axes import Axis, Group
 from follower.can_bridge.inbound import Inbound
@@ -31,6 +34,8 @@ from follower.can_bridge.robot_axes import make_axes, make_homing_axes
 
 _HEARTBEAT_MS = 100
 _ANSWER_NS = NS_PER_MS // 2
+# a master's heartbeat comes every 10 ms; a simulated bus tells a newcomer nothing for 50 ms
+_ALONE_S = 0.1
 
 
 class DriveBus:
@@ -73,7 +78,8 @@ class DriveBus:
         """Open the bus and bring every node up, disabled. Also the way back after a lost bus.
 
         Raises:
-            DeviceError: no bus, a silent node, another device, a refused or lost write: named, nothing enabled.
+            DeviceError: no bus, another master at work on it, a silent node, another device, a refused or lost write:
+                named, nothing enabled.
             ConfigError: an EDS is missing or not one.
         """
         self.close()
@@ -141,11 +147,12 @@ class DriveBus:
         """One cycle; never blocks and never raises for what happens on the bus: see ``faults`` and ``bus_ok``."""
         faults: list[str] = []
         silent: list[str] = []
+        bad_frames = ""
         try:
             self._receive(now_ns)
             faults = self._faults(now_ns)
-            silent = self._inbound.silent(now_ns)
-            if faults or silent or self._stalled:
+            silent, bad_frames = self._inbound.silent(now_ns), self._inbound.bad_frames(now_ns)
+            if faults or silent or bad_frames or self._stalled:
                 self.quick_stop()
                 self._home = None
             self._send(now_ns, setpoint)
@@ -154,10 +161,15 @@ class DriveBus:
         except BusLostError as error:
             self._lose(str(error))
             faults.insert(0, self._lost)
-        return self._measurement(now_ns, tuple(faults), tuple(silent))
+        return replace(self._measurement(now_ns), faults=tuple(faults), silent=tuple(silent), bad_frames=bad_frames)
 
     def _bring_up(self, bus: CanBus) -> None:
         config = self._config
+        if bus.hears(HEARTBEAT + config.master_node_id, _ALONE_S):
+            raise DeviceError(
+                f"CAN bus {bus.name}: another master works on it (heartbeat of node {config.master_node_id}): "
+                "stop its bridge first"
+            )
         bus.send(nmt_frame(NMT_PRE_OPERATIONAL))
         io = CanopenNode(bus, config.io_node_id, self._inbound.io.name, self._io_eds)
         io.check_identity()
@@ -231,7 +243,7 @@ class DriveBus:
                 self._inbound.stood_still(now_ns)
         return self._inbound.faults(now_ns, bool(self._stalled))
 
-    def _measurement(self, now_ns: int, faults: tuple[str, ...], silent: tuple[str, ...]) -> Measurement:
+    def _measurement(self, now_ns: int) -> Measurement:
         axes, io = self.axes, self._inbound.io
         left, right, joints, grippers, lift = axes[0], axes[1], axes[2:8], axes[8:10], axes[10]
         fresh = self._bus is not None and self._inbound.inputs_fresh(now_ns)
@@ -253,9 +265,8 @@ class DriveBus:
             wheels_enabled=self._bus is not None and all(axis.state is DriveState.ENABLED for axis in axes[:2]),
             arms_enabled=self._bus is not None and all(axis.state is DriveState.ENABLED for axis in axes[2:]),
             bus_ok=self._bus is not None,
-            faults=faults,
+            faults=(),
             malformed=self._inbound.malformed,
             unknown=self._inbound.unknown,
             stalled=self._stalled,
-            silent=silent,
         )

@@ -31,6 +31,8 @@ MAX_STEP_MS: Final = 20
 MAX_RIM_GAP_M_S: Final = 0.15
 MAX_RIM_GAP_SHARE: Final = 0.20
 MAX_MEASURED_JUMP_M_S: Final = 0.30
+MAX_MEASURED_STEP_M: Final = 0.05
+"""Of a rim between two measurements, at most 50 ms apart: at its cap it rolls 0.03 m meanwhile."""
 
 
 @dataclass(frozen=True)
@@ -86,12 +88,14 @@ class ArmToken:
 
 @dataclass(frozen=True)
 class WheelStatus:
-    """What the drives measured at ``measured_ns``, −1 for never: rim speeds [rad/s], and whether both are enabled."""
+    """What the drives measured at ``measured_ns``, −1 for never: speeds, whether both are enabled, and angles."""
 
     measured_ns: int
     left_rad_s: float
     right_rad_s: float
     enabled: bool
+    left_rad: float = 0.0
+    right_rad: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -239,17 +243,18 @@ class Gate:
         return ""
 
     def _jumped(self, status: WheelStatus) -> str:
-        """An encoder cannot change its speed like that between two frames."""
+        """Neither speed nor angle of an encoder can change like that between two frames."""
         before, self._status = self._status, status
-        if not (math.isfinite(status.left_rad_s) and math.isfinite(status.right_rad_s)):
+        if not all(map(math.isfinite, (status.left_rad_s, status.right_rad_s, status.left_rad, status.right_rad))):
             return "measured_jump"
         if before is None or before.measured_ns < 0 or status.measured_ns < 0:
             return ""
         if not _young(status.measured_ns, before.measured_ns, STATUS_MAX_AGE_MS):
             return ""
-        left = abs(status.left_rad_s - before.left_rad_s) * self._radius
-        right = abs(status.right_rad_s - before.right_rad_s) * self._radius
-        return "measured_jump" if max(left, right) > MAX_MEASURED_JUMP_M_S else ""
+        faster = max(abs(status.left_rad_s - before.left_rad_s), abs(status.right_rad_s - before.right_rad_s))
+        farther = max(abs(status.left_rad - before.left_rad), abs(status.right_rad - before.right_rad))
+        jumped = faster * self._radius > MAX_MEASURED_JUMP_M_S or farther * self._radius > MAX_MEASURED_STEP_M
+        return "measured_jump" if jumped else ""
 
     def _disobeyed(self, now_ns: int, v: float, w: float, status: WheelStatus) -> str:
         """A wheel does not do what it is told: blocked, stuck encoder, wrong sign. Asked on every frame."""

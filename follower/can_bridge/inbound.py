@@ -104,9 +104,13 @@ class Inbound:
             found.append(f"{self.io.name}: {self.io.emergency}")
         if self._silent(self.io.status_ns, now_ns) and not self.silent(now_ns):
             found.append(f"{self.io.name}: node {self.io.node_id} is silent")
-        if self._much_malformed(now_ns):
-            found.append(f"CAN bus: {MALFORMED_LIMIT} frames within a second that cannot be genuine")
         return found
+
+    def bad_frames(self, now_ns: int) -> str:
+        """Says so while too many frames of late cannot be genuine: corrupt, replayed, or late in a crowd."""
+        if self._much_malformed(now_ns):
+            return f"CAN bus: {MALFORMED_LIMIT} frames within a second that cannot be genuine"
+        return ""
 
     def silent(self, now_ns: int) -> list[str]:
         """Which drives are not heard, one line each: that may pass by itself, as a fault does not."""
@@ -133,13 +137,15 @@ class Inbound:
     def _genuine(self, frame: CanFrame, stamp_ns: int) -> bool:
         found = self._by_tpdo.get(frame.can_id)
         if found is not None:
+            if self._started_ns is None:
+                return True  # who listens in between two SYNCs hears answers to one that he did not hear
             return found[0].take(found[1], frame.data, stamp_ns)
         node_id, service = frame.can_id & 0x7F, frame.can_id & 0x780
         if node_id not in self._by_id and node_id != self.io.node_id:
             self.unknown += 1
             return True
         if service == TPDO[0]:
-            return self.io.take(frame.data, stamp_ns)
+            return self._started_ns is None or self.io.take(frame.data, stamp_ns)
         if service == EMCY:
             return self._emergency(node_id, frame.data)
         if service == HEARTBEAT:

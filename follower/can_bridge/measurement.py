@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from common.causes import BAD_FRAMES, NODE_SILENT
 from common.cia402 import DriveState
 
 
@@ -35,9 +36,10 @@ class Measurement:
     """What the bus says at one exchange.
 
     ``measured_ns`` is the SYNC that latched the older of the two wheels' answers, −1 before the first. Stop inputs
-    count as STOP while the I/O module is silent. ``faults`` is empty when all is well; ``silent`` names the drives
-    that are not heard. ``stalled`` says how long the bridge itself stood still, so that the drives' watchdogs
-    stopped them; it stays until power off is requested.
+    count as STOP while the I/O module is silent. ``faults`` is empty when all is well. What may pass by
+    itself: ``silent`` names the drives that are not heard, ``bad_frames`` says that frames came which cannot be
+    genuine. ``stalled`` says how long the bridge itself stood still, so that the drives' watchdogs stopped them; it
+    stays until power off is requested.
     """
 
     now_ns: int
@@ -62,8 +64,16 @@ class Measurement:
     unknown: int
     stalled: str = ""
     silent: tuple[str, ...] = ()
+    bad_frames: str = ""
 
     @property
     def troubles(self) -> tuple[str, ...]:
-        """A stall of whoever uses the bus, faults and silent drives, for those who do not tell them apart."""
-        return (*((self.stalled,) if self.stalled else ()), *self.faults, *self.silent)
+        """All that is wrong, for those who do not tell one thing from the other."""
+        return (*self.faults, *self.silent, *(text for text in (self.stalled, self.bad_frames) if text))
+
+    @property
+    def passing(self) -> str:
+        """Why to stop, as a cause, for what may pass by itself; empty if nothing is."""
+        if self.silent:
+            return f"{NODE_SILENT}: {self.silent[0]}"
+        return f"{BAD_FRAMES}: {self.bad_frames}" if self.bad_frames else ""

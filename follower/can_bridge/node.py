@@ -21,7 +21,10 @@ _log = logging.getLogger("follower-can-bridge")
 
 
 class CanBridgeNode(Node):
-    """One exchange with the bus every 10 ms, and one at once for each new command."""
+    """One exchange with the bus every 10 ms, and one at once for each new command.
+
+    With ``follower_can.readonly`` it sends nothing and hears no mission: it tells what another master's drives do.
+    """
 
     name = "follower-can-bridge"
     inputs = (COMMAND, MISSION, ARM_SETPOINT)
@@ -31,7 +34,8 @@ class CanBridgeNode(Node):
     def __init__(self, context: NodeContext) -> None:
         config = context.config
         self._clock = context.clock
-        self._bus = DriveBus(config.follower_can, config.base, context.config_path)
+        self._readonly = config.follower_can.readonly
+        self._bus = DriveBus(config.follower_can, config.base, context.config_path, listen_only=self._readonly)
         self._bridge = Bridge(config, context.clock.boot_id)
         self._shadow = Shadow(config.follower_can, config.base) if config.follower_can.shadow else None
         self._told_ns = 0
@@ -40,6 +44,7 @@ class CanBridgeNode(Node):
         self._image_to_can_ns = 0
         self._reopen_ns = 0
         self._state = self._stalled = ""
+        self._unheard = False
 
     def start(self, now_ns: int) -> None:  # noqa: ARG002 - the contract's signature
         """Bring every node up, disabled."""
@@ -54,13 +59,15 @@ class CanBridgeNode(Node):
             self._reopen(now_ns)
         command = inputs.newest(COMMAND)
         signed = SignedCommand(command.message, command.header.run_id, command.header.boot_id) if command else None
-        heard = Heard(now_ns, signed, inputs.newest(MISSION), inputs.newest(ARM_SETPOINT))
+        mission = None if self._readonly else inputs.newest(MISSION)
+        heard = Heard(now_ns, signed, mission, inputs.newest(ARM_SETPOINT))
         orders, setpoint = self._decide(heard, self._measured)
         self._request(orders)
         self._measured = self._bus.exchange(now_ns, setpoint)
         if self._measured.stalled != self._stalled:
             self._stalled = self._measured.stalled
             _log.warning("%s", self._stalled or "the stall is over: the drives may be enabled anew")
+        self._say_unheard(self._measured)
         self._time(orders.decision, signed)
         if self._bridge.state != self._state:
             self._state = self._bridge.state
@@ -94,6 +101,13 @@ class CanBridgeNode(Node):
         elif orders.power == "reset":
             _log.info("acknowledging drive faults, as a person asked")
             self._bus.reset_faults()
+
+    def _say_unheard(self, measured: Measurement) -> None:
+        """Said once: whoever only listens hears drives only where another master sends SYNC."""
+        unheard = self._readonly and measured.bus_ok and measured.measured_ns < 0
+        if unheard and not self._unheard:
+            _log.warning("read only: no SYNC heard yet: drives answer only where another master works on the bus")
+        self._unheard = self._unheard or unheard
 
     def _reopen(self, now_ns: int) -> None:
         """The way back after a lost bus: everything is brought up anew, disabled."""
@@ -132,7 +146,7 @@ class CanBridgeNode(Node):
             gate_rule=decision.rule,
             gate_interventions=bridge.interventions,
             gate_intervened=",".join(bridge.intervened),
-            shadow=self._shadow is not None,
+            shadow=self._shadow is not None or self._readonly,
         )
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from common.causes import NODE_SILENT, cause_code
-from common.config import Config
+from common.causes import BAD_FRAMES, NODE_SILENT, cause_code
+from common.config import BaseConfig, Config
 from common.geometry import Array, Pose2, features_at
 from common.kinematics import twist_from_wheels
 from common.messages import Drives
@@ -93,10 +93,12 @@ class Attempt:
         """What of the Follower itself is not as it should be for moving; empty if all is well."""
         if seen.drives is None:
             return "no drives"
-        if cause_code(seen.drives.cause) == NODE_SILENT:
+        if cause_code(seen.drives.cause) in (NODE_SILENT, BAD_FRAMES):
             return seen.drives.cause
         if not seen.drives.stop_inputs_clear:
             return "stop input"
+        if low := undervoltage(self.config.base, seen.drives):
+            return low
         if not seen.controller_alive:
             return "controller silent"
         if seen.arms is None:
@@ -123,6 +125,13 @@ class Attempt:
         if self.trolley > 1 and leader.queue is not None and leader.queue != self.trolley - 1:
             return f"the Leader counts {leader.queue} trolleys, not {self.trolley - 1}"
         return ""
+
+
+def undervoltage(base: BaseConfig, drives: Drives | None) -> str:
+    """Why the battery bears no driving; empty if it does, or if nobody knows (SAFETY.md, row 46)."""
+    if drives is None or drives.battery_v >= base.battery_min_v:
+        return ""
+    return f"battery at {drives.battery_v:.1f} V, below {base.battery_min_v:g} V (base.battery_min_v)"
 
 
 def standing(config: Config, drives: Drives) -> bool:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from common.config import Config
 from common.messages import Answer, ArmState, Command, DockRequest, Drives, ManualRequest, Mission, Phase
 from common.timing import NS_PER_MS, NS_PER_S
+from follower.supervisor.attempt import undervoltage
 
 # the station learns the epoch from the mission before it can command
 _FIRST_COMMAND_NS = 2 * NS_PER_S
@@ -104,7 +105,7 @@ class ManualMode:
         if request.action == "stop":
             self._end("")
             return Answer(request.id, "done", "disarmed")
-        refusal = self._refusal(seen)
+        refusal = self._refusal(seen) or self._beyond_travel(request)
         if refusal:
             return Answer(request.id, "refused", refusal)
         self._wanted = request
@@ -130,7 +131,13 @@ class ManualMode:
             return "a stop input is active"
         if seen.drives.state == "fault":
             return f"drives: {seen.drives.cause}"[:400]
-        return ""
+        return undervoltage(self._config.base, seen.drives)
+
+    def _beyond_travel(self, request: ManualRequest) -> str:
+        most_m = self._config.follower_can.lift_max_m
+        if request.lift_m is None or request.lift_m <= most_m:
+            return ""
+        return f"the lift goes up to {1000 * most_m:.0f} mm (follower_can.lift_max_m)"
 
     def _watch(self, seen: ManualSeen) -> None:
         drives = seen.drives

@@ -23,6 +23,7 @@ from common.channels import (
 from common.messages import FollowerSummary, Mission
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
+from follower.supervisor.attempt import undervoltage
 from follower.supervisor.journal import Journal
 from follower.supervisor.manual import ManualMode, ManualSeen
 from follower.supervisor.observed import Observed
@@ -52,6 +53,7 @@ class SupervisorNode(Node):
         """
         taught = taught_images(context.config, context.config_path)
         self._sequence = DockingSequence(context.config, context.run_id, taught)
+        self._base = context.config.base
         self._manual = ManualMode(context.config, context.run_id)
         self._phase = self._sequence.phase
         self._steps = 0
@@ -72,7 +74,7 @@ class SupervisorNode(Node):
             requests=by_hand.dock_requests,
             lock_answers=tuple(inputs.answers(LOCK_REQUEST)),
             restarted=self._runs.restarted(inputs),
-            unfit=self._journal.unfit(now_ns),
+            unfit=self._journal.unfit(now_ns) or undervoltage(self._base, inputs.fresh(DRIVES, now_ns)),
         )
         decided = self._sequence.step(seen)
         self._journal.keep(self._report.step(seen, decided.mission, self._sequence.attempt))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from common.causes import NODE_SILENT, cause_code, needs_reset
+from common.causes import BAD_FRAMES, NODE_SILENT, cause_code, needs_reset
 from common.config import Config
 from common.geometry import Array
 from common.messages import Answer, DockRequest, Drives, FollowerSummary, Mission, Phase
@@ -28,7 +28,16 @@ from follower.supervisor.transitions import ENDED, FREE, IN_CONTACT, Event, next
 _SILENT_NS = NS_PER_S // 4
 # what passes by itself: somebody was late, or the machine stood still
 REARMING_CAUSES: Final = frozenset(
-    {"command_age", "valid_until", "token_age", "status_age", "arm_setpoint_age", "bridge_stalled", NODE_SILENT}
+    {
+        "command_age",
+        "valid_until",
+        "token_age",
+        "status_age",
+        "arm_setpoint_age",
+        "bridge_stalled",
+        NODE_SILENT,
+        BAD_FRAMES,
+    }
 )
 # a longer step was a stall of this process: it says nothing of the others
 _LONGEST_STEP_NS = NS_PER_S // 10

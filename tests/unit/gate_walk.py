@@ -50,6 +50,8 @@ class Walk:
         self.phase = "approach"
         self.target = (0.3, 0.1)
         self.measured = [0.0, 0.0]
+        self.ways_m = [0.0, 0.0]
+        self.jumped_epoch = 0
         self.newest: SignedCommand | None = None
         self.offered: deque[SignedCommand] = deque(maxlen=64)
         self.last = (0.0, 0.0)
@@ -145,8 +147,17 @@ class Walk:
         if draw < 0.0005:
             left = self.random.choice((math.nan, math.inf, -left, left + 0.5))
         measured_ns = self.now_ns - (self.random.randrange(0, 80 * MS) if draw > 0.99 else 10 * MS)
-        radius = BASE.wheel_radius_m
-        self.status = WheelStatus(measured_ns, left / radius, right / radius, draw < 0.998)
+        radius, before = BASE.wheel_radius_m, self.status
+        elapsed_ns = max(0, measured_ns - before.measured_ns) if before.measured_ns >= 0 else 0
+        ways = [way + speed * elapsed_ns * 1e-9 for way, speed in zip(self.ways_m, self.measured, strict=True)]
+        if 0.0005 < draw < 0.001:
+            ways[self.random.randrange(2)] += self.random.uniform(-0.2, 0.2)
+        farthest = max(abs(now - then) for now, then in zip(ways, self.ways_m, strict=True))
+        if farthest > 0.05 + EPS and 0 <= measured_ns - before.measured_ns <= 50 * MS:
+            self.jumped_epoch = self.epoch
+        self.ways_m = ways
+        angles = ways[0] / radius, ways[1] / radius
+        self.status = WheelStatus(measured_ns, left / radius, right / radius, draw < 0.998, *angles)
 
     # -- judging
 
@@ -158,6 +169,7 @@ class Walk:
             return
         self.moved += 1
         assert decision.rule == ""
+        assert self.epoch != self.jumped_epoch
         assert inputs == StopInputs(True, True, True)
         self._judge_token(token, v, w)
         self._judge_command(decision)

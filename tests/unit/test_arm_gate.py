@@ -65,7 +65,7 @@ def test_caps_torques_at_what_a_drive_may_give() -> None:
     decision = step(arms((900.0, -900.0, 1.0, 1.0, 1.0, 1.0), (50.0, -50.0), lift_m=2.0))
     assert decision.joint_torque_n_m == (25.0, -25.0, 1.0, 1.0, 1.0, 1.0)
     assert decision.grip_torque_n_m == (6.0, -6.0)
-    assert decision.lift_m == 1.0
+    assert decision.lift_m == 0.5, "the lift's own travel, below the constant of 1 m"
     assert decision.clipped == ("arm_torque",)
     weak = tuple(joint.model_copy(update={"max_torque_permille": 100}) for joint in CONFIG.joints)
     gate = ArmGate(CONFIG.model_copy(update={"joints": weak}), "boot")
@@ -88,6 +88,28 @@ def test_a_lost_encoder_passes_nothing() -> None:
     gate.step(NOW, arms(), 7, STILL)
     lost = ArmMeasurement(NOW + 10 * MS, (math.nan, *(0.0,) * 7))
     assert gate.step(NOW + 10 * MS, arms(), 7, lost).rule == "arm_not_measured"
+
+
+@pytest.mark.parametrize(
+    ("joint", "step_rad", "after_ms", "rule"),
+    [
+        (0, 0.201, 10, "arm_jump"),
+        (5, -0.201, 50, "arm_jump"),
+        (3, 0.199, 10, ""),
+        (3, 0.201, 51, ""),
+        (6, 0.5, 10, ""),
+    ],
+)
+def test_a_joint_whose_angle_jumps_passes_nothing(joint: int, step_rad: float, after_ms: int, rule: str) -> None:
+    gate = ArmGate(CONFIG, "boot")
+    gate.step(NOW, arms(), 7, STILL)
+    angles = [0.0] * 8
+    angles[joint] = step_rad
+    later = NOW + after_ms * MS
+    for _ in range(2):
+        assert gate.step(later, arms(stamp_ns=later), 7, ArmMeasurement(later, tuple(angles))).rule == rule
+    settled = ArmMeasurement(later + 10 * MS, tuple(angles))
+    assert gate.step(later + 10 * MS, arms(stamp_ns=later), 7, settled).rule == ""
 
 
 @given(

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from common.cia402 import DriveState
 from common.config import Config
-from common.messages import ArmSetpoint, Header, Mission
+from common.messages import ArmSetpoint, Command, Header, Mission, seal_command
 from common.node import Received
 from common.timing import NS_PER_MS, NS_PER_S
 from follower.can_bridge.bridge import Bridge, Heard
+from follower.can_bridge.gate import SignedCommand
 from follower.can_bridge.measurement import Measurement
 from tests.unit.test_supervisor import Bench
 
@@ -31,6 +33,7 @@ class Rig:
         self.measured = HEALTHY
         self.now_ns = NS_PER_S
         self.power: list[str | None] = []
+        self.commanded = False
 
     def run(self, cycles: int = 1) -> str:
         for _ in range(cycles):
@@ -38,11 +41,22 @@ class Rig:
             header = Header("x", 1, 1, self.now_ns, BOOT)
             arms = ArmSetpoint(self.mission.epoch, (0.0,) * 6, (0.0, 0.0), 0.2)
             heard = Heard(
-                self.now_ns, None, Received(self.mission, header, self.now_ns), Received(arms, header, self.now_ns)
+                self.now_ns,
+                self._command(),
+                Received(self.mission, header, self.now_ns),
+                Received(arms, header, self.now_ns),
             )
             self.measured = replace(self.measured, now_ns=self.now_ns, measured_ns=self.now_ns)
             self.power.append(self.bridge.step(heard, self.measured).power)
         return self.bridge.state
+
+    def _command(self) -> SignedCommand | None:
+        """To stand, once it is ``commanded``."""
+        if not self.commanded:
+            return None
+        sequence, until_ns = self.now_ns // (10 * NS_PER_MS), self.now_ns + 100 * NS_PER_MS
+        told = Command(0.0, 0.0, self.mission.epoch, sequence, self.now_ns, until_ns, 1, self.now_ns)
+        return SignedCommand(seal_command(told), 1, BOOT)
 
 
 @pytest.fixture
@@ -62,20 +76,36 @@ def rig(config: Config) -> Rig:
     [
         ({"faults": ("left wheel: over-current",)}, "fault", "left wheel: over-current"),
         ({"silent": ("left wheel: node 1 is silent",)}, "stopped", "node_silent: left wheel: node 1 is silent"),
+        ({"bad_frames": "CAN bus: 3 frames"}, "stopped", "bad_frames: CAN bus: 3 frames"),
         ({"silent": ("lift: silent",), "faults": ("left wheel: over-current",)}, "fault", "left wheel: over-current"),
     ],
 )
 def test_what_was_wrong_for_a_moment_is_kept_until_a_new_epoch(
-    rig: Rig, trouble: dict[str, tuple[str, ...]], state: str, cause: str
+    rig: Rig, trouble: dict[str, Any], state: str, cause: str
 ) -> None:
-    rig.measured = replace(rig.measured, **trouble)  # type: ignore[arg-type]
+    rig.measured = replace(rig.measured, **trouble)
     assert rig.run() == state
-    rig.measured = replace(rig.measured, faults=(), silent=())
+    rig.measured = replace(rig.measured, faults=(), silent=(), bad_frames="")
     assert rig.run(20) == "stopped"
     assert rig.bridge.cause == cause
     rig.mission = replace(rig.mission, armed=False)
     rig.run(2)
     rig.mission = replace(rig.mission, armed=True, epoch=rig.mission.epoch + 1)
+    assert rig.run(2) == "armed"
+
+
+@pytest.mark.parametrize(
+    ("angles", "cause"),
+    [({"wheel_angle_rad": (0.0, 0.7)}, "measured_jump"), ({"joint_angle_rad": (0.3, *(0.0,) * 5)}, "arm_jump")],
+)
+def test_an_encoder_whose_angle_jumps_stops_and_disarms(rig: Rig, angles: dict[str, Any], cause: str) -> None:
+    rig.commanded = True
+    assert rig.run(5) == "armed"
+    rig.measured = replace(rig.measured, **angles)
+    assert rig.run() == "stopped"
+    assert rig.bridge.cause == cause
+    assert rig.run(20) == "stopped"
+    rig.mission = replace(rig.mission, epoch=rig.mission.epoch + 1)
     assert rig.run(2) == "armed"
 
 

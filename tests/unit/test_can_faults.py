@@ -45,7 +45,9 @@ class Driving:
             now_ns,
             SignedCommand(command, 1, "boot"),
             ArmToken(True, now_ns, "boot", 1, "approach", 0.5, 0.6),
-            WheelStatus(measured.measured_ns, *measured.wheel_speed_rad_s, measured.wheels_enabled),
+            WheelStatus(
+                measured.measured_ns, *measured.wheel_speed_rad_s, measured.wheels_enabled, *measured.wheel_angle_rad
+            ),
             StopInputs(measured.inputs_fresh, measured.estop_clear, measured.protective_clear),
         )
         wheel = self.decision.v_m_s / base.wheel_radius_m
@@ -110,6 +112,10 @@ def _enter_protective_field(rig: Rig) -> None:
 
 
 def _jump(rig: Rig) -> None:
+    rig.robot.left_wheel.encoder = EncoderFault(jump=0.7)
+
+
+def _race(rig: Rig) -> None:
     rig.robot.left_wheel.encoder = EncoderFault(stuck_at=40.0)
 
 
@@ -136,6 +142,7 @@ FAULTS: tuple[tuple[Callable[[Rig], None], float, str, str], ...] = (
     (_press_estop, 50, "", "stop_input"),
     (_enter_protective_field, 50, "", "stop_input"),
     (_jump, 100, "", "measured_jump"),
+    (_race, 100, "", "measured_jump"),
     (_stick, 100, "", "measured_gap"),
     (_invert, 100, "", "measured_jump"),
     (_go_off, 20, "left wheel: left operation by itself: switch on disabled", ""),

@@ -69,7 +69,9 @@ class _Session:
             now_ns,
             SignedCommand(seal_command(Command(*fields)), 1, "boot"),
             ArmToken(True, now_ns, "boot", self.epoch, "approach", 0.5, 0.6),
-            WheelStatus(measured.measured_ns, *measured.wheel_speed_rad_s, measured.wheels_enabled),
+            WheelStatus(
+                measured.measured_ns, *measured.wheel_speed_rad_s, measured.wheels_enabled, *measured.wheel_angle_rad
+            ),
             StopInputs(measured.inputs_fresh, measured.estop_clear, measured.protective_clear),
         )
         self.moving += decision.v_m_s > 0.0

@@ -164,6 +164,8 @@ def test_drivers(config: Config) -> None:
     told(check_drivers(config, on_hardware=True), "failed", "camera.driver, follower_can.bus, leader_can.bus")
     shadow = changed(config, follower_can=changed(config.follower_can, shadow=True))
     told(check_drivers(shadow, on_hardware=False), "warning", "shadow")
+    readonly = changed(config, follower_can=changed(config.follower_can, readonly=True))
+    told(check_drivers(readonly, on_hardware=False), "warning", "readonly")
 
 
 def test_calibration(config: Config) -> None:

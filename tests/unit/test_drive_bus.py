@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from common.canopen_bus import BusLostError
-from common.canopen_frames import nmt_frame
+from common.canopen_bus import BusLostError, CanBus
+from common.canopen_frames import heartbeat_frame, nmt_frame
 from common.canopen_io import LeaderIo
 from common.cia402 import DriveState
 from common.config import BusConfig, ConfigError
@@ -129,6 +129,30 @@ def test_bring_up_names_the_missing_node() -> None:
         with pytest.raises(DeviceError, match=r"node 13 \(left joint 3\): object 1000h:00: read: no answer"):
             rig.drives.open()
         assert not any(drive.enabled for drive in rig.robot.drives)
+
+
+class _LateTap(CanBus):
+    """A bus on which another master's heartbeat comes while it is being opened."""
+
+    def __init__(self, config: BusConfig) -> None:
+        super().__init__(config)
+        other = CanBus(config)
+        other.send(heartbeat_frame(127, 0x05))
+        other.close()
+
+
+def test_a_bus_on_which_another_master_works_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    with follower_rig() as rig:
+        rig.enable()
+        rolling = rim_speed(0.2, rig.config)
+        rig.cycles(80, rolling)
+        second = DriveBus(rig.config.follower_can, rig.config.base, CONFIG_PATH)
+        monkeypatch.setattr("follower.can_bridge.drive_bus.CanBus", _LateTap)
+        with pytest.raises(DeviceError, match=r"another master works on it \(heartbeat of node 127\): stop its"):
+            second.open()
+        measured = rig.cycles(5, rolling)
+        assert measured.faults == ()
+        assert measured.wheels_enabled
 
 
 def test_another_device_is_refused_by_name() -> None:

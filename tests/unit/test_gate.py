@@ -145,6 +145,8 @@ def test_both_grow_together() -> None:
         ("not_enabled", {"status": wheels(0.3, T0 + 1000 * MS, enabled=False)}),
         ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, math.nan, 3.5, True)}),
         ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, math.inf, True)}),
+        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, 3.5, True, math.nan, 0.0)}),
+        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, 3.5, True, 0.0, -math.inf)}),
     ],
 )
 def test_stops_at_once(rule: str, given: dict[str, Any]) -> None:
@@ -342,6 +344,34 @@ def test_an_encoder_jump_stops_it(beyond: float, side: int, direction: float) ->
     rims[side] += direction * (0.30 + beyond)
     decision = bench.step(status=WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True))
     assert (decision.rule == "measured_jump") == (beyond > 0)
+
+
+@pytest.mark.parametrize("beyond", [-1e-6, 1e-6])
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_an_angle_that_jumps_stops_it_however_steady_the_speed(beyond: float, side: int, direction: float) -> None:
+    bench = Bench()
+    bench.drive(0.2)
+    before = [1.0, -2.0]
+    bench.now_ns += 41 * MS  # too long ago for the angles to be compared
+    bench.order(0.2, status=replace(wheels(0.2, bench.now_ns), left_rad=before[0], right_rad=before[1]))
+    before[side] += direction * (0.05 + beyond) / RADIUS
+    decision = bench.order(0.2, status=replace(wheels(0.2, bench.now_ns), left_rad=before[0], right_rad=before[1]))
+    assert (decision.rule == "measured_jump") == (beyond > 0)
+
+
+@pytest.mark.parametrize("beyond", [False, True])
+@pytest.mark.parametrize(("field", "bound"), [("left_rad_s", 0.30), ("right_rad", 0.05)])
+def test_a_jump_of_exactly_the_bound_is_borne(field: str, bound: float, beyond: bool) -> None:
+    gate = Gate(LIMITS, BASE, BOOT)
+    gate.step(T0, None, token(T0), wheels(0.0, T0), CLEAR)
+    step = bound / RADIUS
+    assert step * RADIUS == bound
+    later = T0 + 10 * MS
+    changed: dict[str, Any] = {field: step + 1e-12 if beyond else step}
+    status = replace(wheels(0.0, later), **changed)
+    newest = signed(command(stamp_ns=later))
+    assert gate.step(later, newest, token(later), status, CLEAR).rule == ("measured_jump" if beyond else "")
 
 
 def test_a_jump_counts_only_between_two_recent_measurements() -> None:

@@ -98,6 +98,7 @@ def test_it_arms_an_epoch_of_its_own_with_low_caps(hand: Hand) -> None:
         ({"arms": None}, "the arms' process is silent"),
         ({"drives": replace(DISARMED, stop_inputs_clear=False)}, "a stop input is active"),
         ({"drives": replace(DISARMED, state="fault", cause="left wheel: hot")}, "drives: left wheel: hot"),
+        ({"drives": replace(DISARMED, battery_v=21.9)}, "battery at 21.9 V, below 22 V (base.battery_min_v)"),
     ],
 )
 def test_it_refuses_with_one_line(hand: Hand, changes: dict[str, Any], reason: str) -> None:
@@ -105,6 +106,12 @@ def test_it_refuses_with_one_line(hand: Hand, changes: dict[str, Any], reason: s
     answer = hand.ask()
     assert (answer.outcome, answer.reason) == ("refused", reason)
     assert not hand.mode.active
+
+
+def test_it_refuses_a_height_beyond_the_lifts_travel(hand: Hand) -> None:
+    answer = hand.ask(lift_m=0.501)
+    assert (answer.outcome, answer.reason) == ("refused", "the lift goes up to 500 mm (follower_can.lift_max_m)")
+    assert hand.ask(lift_m=0.5).outcome == "accepted"
 
 
 def test_an_expired_request_and_a_second_station_arm_nothing(hand: Hand) -> None:

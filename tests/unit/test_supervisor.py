@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Literal
 
 import pytest
 
+from common.channels import DOCK_REQUEST
+from common.channels import DRIVES as DRIVES_CHANNEL
 from common.config import Config
 from common.geometry import Pose2, features_at
 from common.messages import Answer, ArmState, DockingState, DockRequest, Drives, LeaderState, LockRequest, Mission
-from common.timing import NS_PER_S
+from common.node import Inbox, NodeContext, Outbox
+from common.timing import NS_PER_S, SteppedClock
 from follower.supervisor.few_leds import settled_sigma_m
+from follower.supervisor.node import SupervisorNode
 from follower.supervisor.observed import Decided, Observed
 from follower.supervisor.sequence import DockingSequence
+from tests.unit.canbus_rig import CONFIG_PATH, stepped_config
 
 STEP_NS = NS_PER_S // 20
 
@@ -252,6 +258,43 @@ def test_an_invalid_state_pauses_and_half_a_second_of_valid_ones_resumes_in_plac
     assert (bench.mission.motion, bench.mission.epoch) == ("servo", epoch)
 
 
+def test_an_undervoltage_pauses_until_it_is_over(bench: Bench) -> None:
+    bench.to_approach()
+    assert bench.mission is not None
+    assert bench.seen.drives is not None
+    bench.step(drives=replace(bench.seen.drives, battery_v=21.9))
+    assert (bench.mission.motion, bench.mission.armed) == ("hold", True)
+    assert bench.mission.waiting == "battery at 21.9 V, below 22 V (base.battery_min_v)"
+    bench.run(0.7, drives=replace(bench.seen.drives, battery_v=22.0))
+    assert bench.mission.motion == "servo"
+
+
+def test_with_an_undervoltage_nothing_is_armed(bench: Bench) -> None:
+    bench.seen = replace(bench.seen, drives=replace(DRIVES, battery_v=21.9))
+    assert bench.ask("start").outcome == "accepted"
+    for _ in range(40):
+        mission = bench.step().mission
+        assert not mission.armed
+    assert "battery at 21.9 V" in mission.waiting
+
+
+def test_with_an_undervoltage_the_process_refuses_to_begin(tmp_path: Path) -> None:
+    config = stepped_config()
+    node = SupervisorNode(NodeContext(config, CONFIG_PATH, tmp_path, 1, SteppedClock(NS_PER_S)))
+    inbox, sender = Inbox("stepped"), Outbox("test", 1, "stepped")
+    request = DockRequest("start-1", 2 * NS_PER_S, "start")
+    empty = replace(DRIVES, battery_v=21.9, measured_ns=NS_PER_S)
+    inbox.put_state(DRIVES_CHANNEL, sender.pack(DRIVES_CHANNEL, empty, NS_PER_S), NS_PER_S)
+    inbox.put_queued(DOCK_REQUEST, sender.pack(DOCK_REQUEST, request, NS_PER_S), NS_PER_S)
+    inbox.begin_step()
+    outputs = node.step(NS_PER_S, inbox)
+    node.stop(NS_PER_S)
+    answers = [message for _, message in outputs if isinstance(message, Answer)]
+    assert [(answer.outcome, answer.reason.partition(",")[0]) for answer in answers] == [
+        ("refused", "battery at 21.9 V")
+    ]
+
+
 def test_a_lock_that_cannot_be_the_leader_does_not_resume(bench: Bench, config: Config) -> None:
     bench.to_approach()
     bench.step(state=docking_state(config, Pose2(5, 0, 0), valid=False))
@@ -373,16 +416,16 @@ def test_after_a_stall_of_the_machine_the_approach_goes_on(bench: Bench) -> None
     assert bench.run(1.0) == "approach"
 
 
-def test_a_silent_drive_stops_it_until_the_drive_is_heard_again(bench: Bench) -> None:
-    """SAFETY.md, row 21: S1. The stop inputs are silent with the whole bus; that is no pressed button."""
+@pytest.mark.parametrize("cause", ["node_silent: left wheel: node 1 is silent", "bad_frames: CAN bus: 3 frames"])
+def test_what_passes_on_the_bus_stops_it_until_it_is_over(bench: Bench, cause: str) -> None:
+    """SAFETY.md, rows 21 and 23: S1. The stop inputs are silent with the whole bus; that is no pressed button."""
     bench.to_approach()
     drives = bench.seen.drives
     assert drives is not None
-    silent = replace(drives, state="stopped", cause="node_silent: left wheel: node 1 is silent")
-    bench.step(drives=replace(silent, stop_inputs_clear=False))
+    bench.step(drives=replace(drives, state="stopped", cause=cause, stop_inputs_clear=cause.startswith("bad")))
     assert bench.run(2.0) == "acquire"
     assert bench.mission is not None
-    assert (bench.mission.armed, bench.mission.waiting) == (False, silent.cause)
+    assert (bench.mission.armed, bench.mission.waiting) == (False, cause)
     assert bench.run(0.8, drives=replace(drives, state="disarmed", cause="")) == "approach"
 
 
