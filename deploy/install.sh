@@ -8,7 +8,8 @@
 #       --restart      allow to stop the robot, if its processes run, for the upgrade
 #       --dry-run      say what would be done, do nothing
 #   install.sh rollback [--dry-run]             back to the release before this one
-#   install.sh uninstall [--purge] [--dry-run]  remove all but configuration and calibration; --purge: these too
+#   install.sh uninstall [--purge] [--dry-run]  remove all but configuration, calibration and the user davpc, whose
+#                                               they are; --purge: these too
 #   install.sh wheels DIR                       gather the packages, on a machine with network and the same Python
 #
 # A release is a folder of /opt/davpc/releases with a virtual environment and its units; releases with the same lock
@@ -72,6 +73,14 @@ target_of() { [ ! -r "$ETC/robot" ] || echo "davpc-$(cut -d' ' -f1 "$ETC/robot")
 linked() { basename "$(readlink "$OPT/$1" 2>/dev/null || true)"; }
 is_running() { [ -n "$(target_of)" ] && systemctl -q is-active "$(target_of)" 2>/dev/null; }
 
+refuse_other_robot() { # ROBOT: two robots' processes on one real bus would both be its master
+  local installed
+  installed=$(target_of)
+  [ -n "$installed" ] && [ "$installed" != "davpc-$1.target" ] || return 0
+  ! systemctl -q is-active "$installed" 2>/dev/null && ! systemctl -q is-enabled "$installed" 2>/dev/null ||
+    die "this computer runs $installed or starts it at boot: 'systemctl disable --now $installed' first"
+}
+
 # --- parts
 
 # shellcheck source=deploy/lib/release.sh
@@ -94,10 +103,12 @@ use_release() { # ID
   fi
 }
 
-states() { # UNIT...: "name state restarts" of each that is meant to run
-  systemctl show -p Id,ActiveState,NRestarts,ConditionResult "$@" | awk -v RS= '{
+states() { # UNIT...: "name state restarts" of each that is meant to run: all but those whose condition says no
+  systemctl show -p Id,ActiveState,NRestarts,ConditionResult,ConditionTimestampMonotonic "$@" | awk -v RS= '{
     for (i = 1; i <= NF; i++) { split($i, pair, "="); is[pair[1]] = pair[2] }
-    if (is["ConditionResult"] == "yes" || is["ActiveState"] == "active") print is["Id"], is["ActiveState"], is["NRestarts"]
+    # one that still waits for its device has not been asked for its condition yet
+    if (is["ConditionResult"] == "yes" || is["ActiveState"] == "active" || is["ConditionTimestampMonotonic"] == 0)
+      print is["Id"], is["ActiveState"], is["NRestarts"]
   }'
 }
 
@@ -132,6 +143,7 @@ install_robot() { # ROBOT
   local id target=davpc-$1.target before was_running=""
   check_machine
   id=$(release_id) before=$(linked current) last_but_one=$(linked previous)
+  refuse_other_robot "$1"
   if is_running; then
     was_running=1
     [ "$before" = "$id" ] || [ -n "$restart" ] || [ -n "$dry_run" ] ||
@@ -175,6 +187,7 @@ rollback() {
   if is_running; then was_running=1 && run systemctl stop "$target"; fi
   use_release "$id"
   if [ -n "$was_running" ]; then start_and_check "$target" || die "release $id is in use, but not healthy"; fi
+  [ -z "$dry_run" ] || { say "dry run: nothing has been changed"; return; }
   say "release $id is in use again"
 }
 
@@ -188,9 +201,13 @@ uninstall() {
   [ "$(readlink /usr/local/bin/davpc)" != "$OPT/current/bin/davpc" ] || run rm /usr/local/bin/davpc
   run rm -rf "$OPT" /run/davpc
   run systemctl daemon-reload
-  ! getent passwd davpc >/dev/null || run userdel davpc
-  if [ -n "$purge" ]; then run rm -rf "$ETC" /var/lib/davpc; else say "$ETC and /var/lib/davpc stay; --purge removes them"; fi
-  say "uninstalled"
+  if [ -n "$purge" ]; then
+    run rm -rf "$ETC" /var/lib/davpc
+    ! getent passwd davpc >/dev/null || run userdel davpc
+  else # files of a user who is gone would be the next one's who gets his number
+    say "$ETC, /var/lib/davpc and the user davpc, whose they are, stay; --purge removes them"
+  fi
+  if [ -n "$dry_run" ]; then say "dry run: nothing has been changed"; else say "uninstalled"; fi
 }
 
 gather_wheels() { # DIR
@@ -205,17 +222,21 @@ gather_wheels() { # DIR
 
 command=${1:-}
 [ $# = 0 ] || shift
+case " $* " in *' --help '* | *' -h '*) command=--help && set -- ;; esac
 folder=""
-if [ "$command" = wheels ]; then folder=${1:?which folder} && shift; fi
+if [ "$command" = wheels ]; then
+  [ -n "${1:-}" ] && [ "${1#-}" = "$1" ] || die "wheels takes the folder to put them into: $0 wheels DIR"
+  folder=$1 && shift
+fi
 while [ $# -gt 0 ]; do
-  case $1 in
-  --wheels) wheels=${2:?--wheels needs a folder} && shift ;;
-  --simulated) variant=simulated ;;
-  --start) start=1 ;;
-  --restart) restart=1 ;;
-  --purge) purge=1 ;;
-  --dry-run) dry_run=1 ;;
-  *) die "unknown option $1; '$0 --help' lists them" ;;
+  case $command:$1 in
+  follower:--wheels | leader:--wheels) wheels=${2:-} && [ -n "$wheels" ] || die "--wheels takes a folder" && shift ;;
+  follower:--simulated | leader:--simulated) variant=simulated ;;
+  follower:--start | leader:--start) start=1 ;;
+  follower:--restart | leader:--restart) restart=1 ;;
+  uninstall:--purge) purge=1 ;;
+  follower:--dry-run | leader:--dry-run | rollback:--dry-run | uninstall:--dry-run) dry_run=1 ;;
+  *) die "$command does not know $1; '$0 --help' lists what there is" ;;
   esac
   shift
 done

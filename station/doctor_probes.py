@@ -25,6 +25,7 @@ from station.doctor_machine import UnitState, canonical
 _COMMAND_S = 5.0
 _ROBOT_FILE = Path("/etc/davpc/robot")
 _MINDVISION = "f622"
+_SYSTEMD = Path("/run/systemd/system")
 _USB = Path("/sys/bus/usb/devices")
 _VIDEO = Path("/sys/class/video4linux")
 
@@ -76,12 +77,18 @@ def clock_offset_s() -> float:
 
 
 def unit_states(names: Iterable[str]) -> dict[str, UnitState] | None:
-    """What systemd says of units; None where it does not run."""
-    if not Path("/run/systemd/system").is_dir():
+    """What systemd says of units; None where it does not run.
+
+    Raises:
+        DeviceError: it runs, and does not answer.
+    """
+    if not _SYSTEMD.is_dir():
         return None
     fields = "Id,LoadState,ActiveState,Result,NRestarts"
     told = _output(["systemctl", "show", f"--property={fields}", *names])
-    return None if told is None else parse_units(told)
+    if told is None:
+        raise DeviceError(f"systemctl did not answer within {_COMMAND_S:.0f} s")
+    return parse_units(told)
 
 
 def parse_units(told: str) -> dict[str, UnitState]:

@@ -20,7 +20,7 @@ from common.network_access import Robot, robot_access
 from common.processes import ONE_MACHINE, PROCESSES
 from station import doctor_can, doctor_machine, doctor_network, doctor_probes, doctor_robot
 from station.calibration_file import StoredCalibration, stored
-from station.doctor import Finding, Seen, look, skipped
+from station.doctor import Finding, Seen, look, skipped, warning
 from station.doctor_ears import Heard, listen
 
 _PROBE_S = 8.0
@@ -76,11 +76,13 @@ class Visit:
                 yield skipped(check, usage.why)
             else:
                 yield doctor_machine.check_disk(check, str(path), usage.value.free, least_mb, comfortable_mb)
-        states = look(partial(doctor_probes.unit_states, self._units()), _PROBE_S).value
-        installed = bool(states) and any(state.load == "loaded" for state in (states or {}).values())
-        yield self._realtime(installed)
+        told = look(partial(doctor_probes.unit_states, self._units()), _PROBE_S)
+        yield self._realtime(any(state.load == "loaded" for state in (told.value or {}).values()))
         for robot in self.robots:
-            yield doctor_machine.check_units(robot, self._of(robot, states), _SAFE)
+            if told.why:
+                yield warning(f"units {robot}", told.why, "a busy computer? look again: systemctl status 'davpc-*'")
+            else:
+                yield doctor_machine.check_units(robot, self._of(robot, told.value), _SAFE)
         stepped_s = doctor_probes.clock_offset_s() - self._began_s
         synchronised = look(doctor_probes.clock_synchronised, _PROBE_S).value
         yield doctor_machine.check_clock(synchronised, stepped_s, time.time(), doctor_probes.newest_file_s())

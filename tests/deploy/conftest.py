@@ -16,7 +16,9 @@ from tests.deploy.machines import Machine, Network, why_not
 from tests.deploy.units import ROOT
 
 WHEELS = Path(os.environ.get("DAVPC_WHEELS", ROOT / "out/wheels"))
-INSTALL_S = 200.0
+# long enough for a busy machine with two cores: what takes longer hangs
+INSTALL_S = 600.0
+HANGS_S = 900
 _PARTS = ("common", "follower", "leader", "sim", "station", "experiments", "deploy", "docs")
 _FILES = ("pyproject.toml", "README.md", "LICENSE")
 

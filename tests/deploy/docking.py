@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.deploy.machines import Machine, until
+from tests.deploy.machines import PATIENCE_S, Machine, until
 from tests.deploy.probe import Probe
 
 TARGET = "davpc-follower.target"
@@ -35,15 +35,15 @@ def dock(machine: Machine, on_approach: Callable[[Probe], None] = lambda _: None
         if attempt == _TRIES or not stalled:
             pytest.fail(f"the docking ended as: {ended}")
         machine.must("systemctl", "restart", TARGET)
-        until(lambda: machine.is_active(TARGET), 30, "the Follower after a restart")
+        until(lambda: machine.is_active(TARGET), PATIENCE_S, "the Follower after a restart")
 
 
 def _dock_once(machine: Machine, probe: Probe, on_approach: Callable[[Probe], None]) -> tuple[str, bool]:
-    until(lambda: probe.is_disarmed() and probe.is_well("world"), 15, "the bridge to say disarmed")
-    until(lambda: probe.is_well("leader"), 20, "the Leader to be heard")
+    until(lambda: probe.is_disarmed() and probe.is_well("world"), PATIENCE_S, "the bridge to say disarmed")
+    until(lambda: probe.is_well("leader"), PATIENCE_S, "the Leader to be heard")
     missed, stood_still = probe.missed("world"), _stalls(machine)
     ask(machine)
-    until(lambda: probe.phase().split(" ")[0] not in ("", "idle", "acquire"), 20, "the docking to begin")
+    until(lambda: probe.phase().split(" ")[0] not in ("", "idle", "acquire"), PATIENCE_S, "the docking to begin")
     if probe.phase() == "approach":
         on_approach(probe)
     until(lambda: probe.phase().split(" ")[0] in ("done", "aborted"), DOCKED_S, "the docking to end")

@@ -5,6 +5,7 @@ The tests follow one another; each begins with a healthy robot and leaves one be
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,13 +13,13 @@ import pytest
 
 from common.config import load_config
 from common.processes import PROCESSES
-from tests.deploy.conftest import INSTALL_S, Installed, Workshop, install
+from tests.deploy.conftest import HANGS_S, INSTALL_S, Installed, Workshop, install
 from tests.deploy.docking import TARGET, dock
-from tests.deploy.machines import Machine, until
+from tests.deploy.machines import PATIENCE_S, Machine, until
 from tests.deploy.probe import Probe
 from tests.deploy.units import SYSTEMD, unit_of
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.alone, pytest.mark.timeout(HANGS_S)]
 
 NEEDS_KEYS = ("follower-gateway",)  # and is not started without
 _PLACES = ("/opt/davpc", "/etc/davpc", "/etc/systemd/system", "/usr/local/lib", "/usr/local/bin", "/var/lib/davpc")
@@ -67,7 +68,7 @@ def assert_healthy(machine: Machine) -> None:
             used = machine.must("readlink", f"/proc/{machine.show(unit_of(entry.name), 'MainPID')}/cwd")
             assert used.strip() == "/var/lib/davpc"
     with Probe(machine) as probe:
-        until(probe.is_disarmed, 5, "the bridge to say disarmed")
+        until(probe.is_disarmed, PATIENCE_S, "the bridge to say disarmed")
 
 
 def test_a_fresh_machine_has_everything_and_starts_nothing(machine: Machine, installed: Installed) -> None:
@@ -90,8 +91,32 @@ def test_a_second_install_and_a_dry_run_change_nothing(machine: Machine) -> None
     assert sorted(snapshot(machine) ^ before) == []
 
 
-def test_both_robots_of_a_bench_dock_from_their_units(machine: Machine) -> None:
+def doctor(machine: Machine, *well: str) -> dict[str, dict[str, str]]:
+    """Findings of the doctor by check, once nothing has failed and what is named is well."""
+    found: dict[str, dict[str, str]] = {}
+
+    def settled() -> bool:
+        said = machine.call("davpc", "doctor", "--json")
+        assert said.returncode in (0, 1), said.stderr
+        print(said.stdout)  # noqa: T201 - shown on failure
+        found.update({finding["check"]: finding for finding in json.loads(said.stdout)["findings"]})
+        return said.returncode == 0 and all(found[check]["status"] == "ok" for check in well)
+
+    until(settled, PATIENCE_S, f"the doctor to find well: {', '.join(well)}")
+    return found
+
+
+def test_the_doctor_finds_an_installation_that_is_whole_and_stands(machine: Machine) -> None:
+    installed = ("versions", "packages", "configuration", "real time", "units follower", "units leader")
+    found = doctor(machine, *installed)
+    assert "/opt/davpc/" in found["versions"]["seen"]
+    assert found["configuration"]["seen"] == "/etc/davpc/robots.toml"
+    assert "davpc-follower.target is stopped" in found["units follower"]["seen"]
+
+
+def test_both_robots_of_a_bench_are_fit_says_the_doctor_and_dock_from_their_units(machine: Machine) -> None:
     machine.must("systemctl", "start", TARGET, "davpc-leader.target")
+    doctor(machine, "drives", "Leader", "LEDs seen", "real time")
     dock(machine)
     machine.must("systemctl", "stop", "davpc-leader.target")
 
@@ -144,8 +169,16 @@ def test_a_release_that_cannot_read_the_configuration_is_not_switched_to(machine
 
 def test_one_command_goes_back_to_the_release_before(machine: Machine) -> None:
     newer, older = release(machine), release(machine, "previous")
-    machine.must("/mnt/v2/deploy/install.sh", "rollback")
+    machine.must("/mnt/v2/deploy/install.sh", "rollback", seconds=INSTALL_S)
     assert (release(machine), release(machine, "previous")) == (older, newer)
+    assert_healthy(machine)
+
+
+def test_a_computer_that_runs_one_robot_does_not_become_the_other(machine: Machine) -> None:
+    refused = machine.call(*install("v1", "leader"), "--restart", seconds=INSTALL_S)
+    assert refused.returncode == 2
+    assert f"'systemctl disable --now {TARGET}' first" in refused.stderr
+    assert (machine.root / "etc/davpc/robot").read_text() == "follower simulated\n"
     assert_healthy(machine)
 
 
@@ -183,6 +216,8 @@ def test_the_removal_leaves_what_is_yours_and_a_purge_leaves_nothing(machine: Ma
     assert left - {"/run/davpc-install.lock"} == kept  # what keeps two installers apart goes with the next boot
     assert (machine.root / "etc/davpc/robots.toml").read_text().endswith(_MINE)
     assert machine.must("systemctl", "list-units", "--all", "--no-legend", "davpc*").strip() == ""
+    assert machine.must("stat", "-c", "%U", "/var/lib/davpc").strip() == "davpc"
     machine.must("/mnt/v1/deploy/install.sh", "uninstall", "--purge")
+    assert machine.call("getent", "passwd", "davpc").returncode != 0
     assert not (machine.root / "etc/davpc").exists()
     assert not (machine.root / "var/lib/davpc").exists()

@@ -82,7 +82,9 @@ def test_the_simulated_backend_comes_with_the_follower_in_its_variant_only() -> 
 def test_a_process_that_fails_for_good_leads_to_the_safe_target_unless_it_is_a_gateway(unit: str) -> None:
     settings = merged(unit)
     assert settings["Service.Type"] == ["notify"]
+    assert settings["Service.WatchdogSec"] == ["2"]
     assert settings["Service.WatchdogSignal"] == ["SIGKILL"]
+    assert settings["Service.MemoryMax"] != []
     assert settings["Service.Restart"] == ["always"]
     if unit.endswith("-gateway.service"):
         assert settings["Unit.OnFailure"] == []
@@ -120,8 +122,6 @@ def test_the_command_line_lists_the_same_processes(capsys: pytest.CaptureFixture
 
 
 def test_the_compose_file_has_a_service_of_the_same_name_for_each_process() -> None:
-    if not COMPOSE.exists():
-        pytest.skip("there is no docker/compose.yaml")
     services = re.findall(r"^  ([a-z-]+):\n(?:    .*\n)*?    command: \[run, ([a-z-]+)\]$", COMPOSE.read_text(), re.M)
     assert all(service == process for service, process in services)
     assert sorted(unit_of(process) for _, process in services) == SERVICES

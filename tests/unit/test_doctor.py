@@ -17,6 +17,7 @@ from common.messages import Drives, GatewayState, Health, LeaderState
 from common.network_access import robot_access, rules_digest
 from common.node import DeviceError
 from common.processes import PROCESSES
+from station import doctor_probes
 from station.calibration_file import StoredCalibration
 from station.doctor import Finding, Seen, Status, as_table, failed, is_well, look, ok, skipped, summary, warning
 from station.doctor_machine import (
@@ -46,7 +47,7 @@ from station.doctor_robot import (
     check_processes,
     check_taught,
 )
-from station.doctor_visit import default_robots
+from station.doctor_visit import Visit, default_robots
 
 LOCK = "numpy==2.2.1 ; python_version < '3.12' \\\n    --hash=sha256:00\nnumpy==2.3.0\nPy_Yaml[x]==6.0\n"
 DAY_S = 86_400.0
@@ -132,6 +133,18 @@ def test_systemctl_is_understood() -> None:
         "a.service": UnitState("loaded", "active", "success", 3),
         "b.target": UnitState("not-found", "inactive", "", 0),
     }
+
+
+def test_a_service_manager_that_does_not_answer_is_not_taken_for_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor_probes, "_SYSTEMD", tmp_path)
+    monkeypatch.setattr(doctor_probes, "_output", lambda _: None)
+    findings = {found.check: found for found in Visit(("leader",), tmp_path, tmp_path / "none.toml").findings()}
+    told(findings["units leader"], "warning", "systemctl did not answer")
+    monkeypatch.setattr(doctor_probes, "_SYSTEMD", tmp_path / "none")
+    findings = {found.check: found for found in Visit(("leader",), tmp_path, tmp_path / "none.toml").findings()}
+    told(findings["units leader"], "skipped", "systemd does not run here")
 
 
 def test_command_lines_are_understood() -> None:
