@@ -13,6 +13,7 @@ from follower.supervisor.phase import PhaseLogic, failed
 from follower.supervisor.phase_acquire import search_refusal
 
 LAST_METRE_M = 1.0
+_SLOWING_M_S2 = 0.15  # towards it: gently enough for the controller to follow, so that the gate has nothing to clip
 _GREEN_S = 0.5
 _HEALTHY_S = 2.0
 _MISSING_LED_S = 0.3
@@ -100,8 +101,10 @@ class Approach(PhaseLogic):
 
     def _servo(self, state: DockingState, reduced: bool) -> Orders:
         limits = self.limits
-        far = state.x_m - self.attempt.goal.x_m > LAST_METRE_M
-        v_max = limits.approach_speed_m_s if far else limits.last_metre_speed_m_s
+        before_m = max(0.0, state.x_m - self.attempt.goal.x_m - LAST_METRE_M)
+        v_max = min(
+            limits.approach_speed_m_s, math.sqrt(limits.last_metre_speed_m_s**2 + 2 * _SLOWING_M_S2 * before_m)
+        )
         if reduced:
             v_max = min(v_max, limits.reduced_speed_m_s)
         return Orders("servo", v_max_m_s=v_max, w_max_rad_s=self.attempt.config.limits.w_max_rad_s)

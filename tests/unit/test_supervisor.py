@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -360,6 +361,21 @@ def test_the_last_metre_is_slow(bench: Bench, config: Config) -> None:
     assert bench.mission.v_max_m_s == config.supervisor.approach_speed_m_s
     bench.step(**bench.there(Pose2(2.4, 0.1, 0.0)))
     assert bench.mission.v_max_m_s == config.supervisor.last_metre_speed_m_s
+
+
+def test_on_the_way_to_the_last_metre_the_cap_falls_no_faster_than_the_controller_slows(
+    bench: Bench, config: Config
+) -> None:
+    bench.to_approach()
+    goal_m = config.docking.goal(1).x_m
+    caps, x_m = [], goal_m + 2.2
+    while x_m > goal_m + 0.9:
+        bench.step(**bench.there(Pose2(x_m, 0.0, 0.0)))
+        assert bench.mission is not None
+        caps.append(bench.mission.v_max_m_s)
+        x_m -= caps[-1] * config.controller.period_ms / 1000
+    assert (caps[0], caps[-1]) == (config.supervisor.approach_speed_m_s, config.supervisor.last_metre_speed_m_s)
+    assert max(a - b for a, b in pairwise(caps)) <= config.controller.realtime.rate_limit[0]
 
 
 @pytest.mark.parametrize("off", [Pose2(1.5, 0.05, 0.0), Pose2(1.5, 0.0, 0.03), Pose2(1.62, 0.0, 0.0)])
