@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from common.processes import ONE_MACHINE, process
 from common.timing import NS_PER_S, MonotonicClock
 
 _TERMINATE_S = 3.0
+_GONE_AFTER = 3
 _PR_SET_PDEATHSIG = 1
 _PREFIX, _NEW_PREFIX = "davpc-sim-", "davpc-new-"
 _OWNER = "owner.lock"
@@ -160,11 +162,15 @@ def _last_words(path: Path) -> str:
 
 
 class Absence:
-    """Notices a process of somebody else's that was alive and is no more; looks once a second."""
+    """Notices a process of somebody else's that was alive and is no more; looks once a second.
+
+    On a busy machine a link may break for a moment, and its process seem dead: three looks in a row count.
+    """
 
     def __init__(self, bus: Bus, names: set[str], clock: MonotonicClock) -> None:
         self._bus, self._names, self._clock = bus, names, clock
         self._seen: set[str] = set()
+        self._missed: Counter[str] = Counter()
         self._due_ns = 0
 
     def __call__(self) -> str:
@@ -174,6 +180,8 @@ class Absence:
             return ""
         self._due_ns = now_ns + NS_PER_S
         alive = self._bus.alive()
-        gone = sorted((self._seen & self._names) - alive)
+        missing = (self._seen & self._names) - alive
+        self._missed = Counter({name: self._missed[name] + 1 for name in missing})
         self._seen |= alive
+        gone = sorted(name for name, times in self._missed.items() if times >= _GONE_AFTER)
         return f"process {gone[0]} died (no longer alive)" if gone else ""

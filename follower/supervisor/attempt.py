@@ -14,7 +14,8 @@ from common.timing import NS_PER_S
 from follower.supervisor.observed import Grip, Observed
 from follower.supervisor.reckoning import PoseReckoning
 
-MAX_REARMED = 3
+# what passes by itself stops the robot, and may do so so often within so long; more often it does not pass
+MAX_REARMED, REARMED_WITHIN_S = 3, 20.0
 MAX_SEARCHES = 3
 MAX_RETRIES = 3
 MAX_PAUSES = 5
@@ -54,7 +55,7 @@ class Attempt:
     armed: bool = False
     enabled: bool = False
     retreating: bool = False
-    rearmed: int = 0
+    rearmed_ns: list[int] = field(default_factory=list)
     searches: int = 0
     retries: int = 0
     pauses: int = 0
@@ -70,6 +71,15 @@ class Attempt:
             self.desired = self.taught[self.trolley]
         else:
             self.desired = features_at(config.leds.points, self.goal, config.camera.mount)
+
+    @property
+    def rearmed(self) -> int:
+        """How often it was armed anew after somebody was late."""
+        return len(self.rearmed_ns)
+
+    def may_rearm(self, now_ns: int) -> bool:
+        """Whether it has not been armed anew too often of late."""
+        return sum(now_ns - at_ns < REARMED_WITHIN_S * NS_PER_S for at_ns in self.rearmed_ns) < MAX_REARMED
 
     def odometer_m(self, drives: Drives) -> float:
         """Way of the middle of the axle, by the wheels."""

@@ -14,7 +14,7 @@ from common.config import Config
 from common.geometry import Array
 from common.messages import Answer, DockRequest, Drives, FollowerSummary, Mission, Phase
 from common.timing import NS_PER_S
-from follower.supervisor.attempt import MAX_REARMED, Attempt, standing
+from follower.supervisor.attempt import Attempt, standing
 from follower.supervisor.observed import Decided, Observed, Orders, Verdict
 from follower.supervisor.phase import PhaseLogic
 from follower.supervisor.phase_acquire import Acquire, Search
@@ -173,12 +173,12 @@ class DockingSequence:
             silent = attempt.armed and self._drives_silent_ns > _SILENT_NS
             return Verdict("failed", "drives_silent") if silent else None
         attempt.enabled = attempt.enabled or attempt.obeyed(drives)
-        if not drives.stop_inputs_clear and cause_code(drives.cause) != NODE_SILENT:
+        if not drives.stop_inputs_clear and not _unheard(drives):
             return Verdict("failed", "stop_input")
         if drives.state == "fault":
             return Verdict("failed", f"drive_fault: {drives.cause}")
         if attempt.armed and drives.state == "stopped" and drives.epoch == self._epoch:
-            return self._stopped(drives)
+            return self._stopped(drives, seen.now_ns)
         if attempt.enabled and not attempt.obeyed(drives):
             return Verdict("failed", f"drives_disarmed: {drives.cause or 'by themselves'}")
         if attempt.armed and seen.arms is not None and seen.arms.cause != "ok":
@@ -189,10 +189,10 @@ class DockingSequence:
             return Verdict("failed", "lock_implausible")
         return None
 
-    def _stopped(self, drives: Drives) -> Verdict:
+    def _stopped(self, drives: Drives, now_ns: int) -> Verdict:
         """S1: the gate stopped and disarmed. While nothing is in contact, arm anew once all is well, a few times."""
         attempt = self._attempt
-        again = cause_code(drives.cause) in REARMING_CAUSES and attempt.rearmed < MAX_REARMED
+        again = cause_code(drives.cause) in REARMING_CAUSES and attempt.may_rearm(now_ns)
         if again and self._phase in FREE:
             return Verdict("late")
         return Verdict("failed", f"gate_stop: {drives.cause}")
@@ -203,7 +203,7 @@ class DockingSequence:
         self._phase = next_phase(self._phase, event)
         attempt = self._attempt
         if event == "late":
-            attempt.rearmed += 1
+            attempt.rearmed_ns.append(seen.now_ns)
             self._epoch += 1
             attempt.epoch = self._epoch
         if event == "late" or self._phase in ENDED:
@@ -254,3 +254,11 @@ class DockingSequence:
             gripped=seen.arms is not None and seen.arms.gripped,
             needs_reset=self._latched(),
         )
+
+
+def _unheard(drives: Drives) -> bool:
+    """Whether the gate stopped because the drives were not heard: then the stop inputs were not either.
+
+    That is no pressed button, and a pressed one is told in the next step: the new epoch clears the gate's cause.
+    """
+    return drives.state == "stopped" and cause_code(drives.cause) in (NODE_SILENT, "status_age", "bridge_stalled")

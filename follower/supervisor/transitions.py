@@ -65,9 +65,9 @@ TABLE: Final[tuple[Transition, ...]] = (
     Transition("lock", "confirmed", "release", "the Leader says that the trolley is locked"),
     Transition("release", "released", "retract", "both grippers are open"),
     Transition("retract", "clear", "done", "backed away"),
-    Transition("staging", "late", "staging", "S1: somebody was late; armed anew, three times at most"),
+    Transition("staging", "late", "staging", "S1: somebody was late; armed anew, three times within 20 s at most"),
     *(
-        Transition(phase, "late", "acquire", "S1: somebody was late; armed anew, three times at most")
+        Transition(phase, "late", "acquire", "S1: somebody was late; armed anew, three times within 20 s at most")
         for phase in ("acquire", "search", "approach")
     ),
     *(Transition(phase, "failed", "aborted", "with a named cause; S2 needs a reset") for phase in ACTIVE),

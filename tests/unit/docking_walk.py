@@ -11,7 +11,7 @@ from common.config import Config
 from common.geometry import Pose2
 from common.messages import Answer, ArmState, DockRequest, FollowerSummary, LockRequest, Mission
 from common.timing import NS_PER_S
-from follower.supervisor.attempt import MAX_PAUSES, MAX_REARMED, MAX_RETRIES, MAX_SEARCHES
+from follower.supervisor.attempt import MAX_PAUSES, MAX_REARMED, MAX_RETRIES, MAX_SEARCHES, REARMED_WITHIN_S
 from follower.supervisor.observed import Decided, Observed
 from follower.supervisor.sequence import DockingSequence
 from follower.supervisor.transitions import ACTIVE, ENDED
@@ -221,7 +221,8 @@ class DockingWalk:
         self._judge_motion(seen, mission)
         self._judge_grip(seen, mission, summary)
         attempt = self.sequence.attempt
-        assert attempt.rearmed <= MAX_REARMED
+        of_late = [at for at in attempt.rearmed_ns if seen.now_ns - at < REARMED_WITHIN_S * NS_PER_S]
+        assert len(of_late) <= MAX_REARMED
         assert attempt.searches <= MAX_SEARCHES
         assert attempt.retries <= MAX_RETRIES
         assert attempt.pauses <= MAX_PAUSES + 1

@@ -35,6 +35,11 @@ def test_only_a_near_process_that_was_seen_before_counts_as_gone() -> None:
     bus.names = {"follower-camera"}
     assert after_a_second() == ""
     bus.names = set()
+    assert (after_a_second(), after_a_second()) == ("", "")
+    bus.names = {"follower-camera"}
+    assert after_a_second() == ""
+    bus.names = set()
+    assert (after_a_second(), after_a_second()) == ("", "")
     assert after_a_second() == "process follower-camera died (no longer alive)"
 
 

@@ -419,6 +419,27 @@ def test_a_late_command_stops_and_the_approach_goes_on_under_a_new_epoch(bench: 
     assert bench.mission.cause == "gate_stop: command_age"
 
 
+def test_who_is_late_now_and_then_only_does_not_end_the_docking(bench: Bench) -> None:
+    bench.to_approach()
+    for _ in range(6):
+        assert bench.seen.drives is not None
+        bench.step(drives=replace(bench.seen.drives, state="stopped", cause="status_age"))
+        assert bench.sequence.phase == "acquire"
+        assert bench.run(7.0, drives=replace(bench.seen.drives, state="disarmed", cause="")) == "approach"
+    assert bench.sequence.attempt.rearmed == 6
+
+
+def test_a_stop_input_that_is_told_once_the_drives_are_heard_again_ends_it(bench: Bench) -> None:
+    bench.to_approach()
+    drives = bench.seen.drives
+    assert drives is not None
+    bench.step(drives=replace(drives, state="stopped", cause="status_age", stop_inputs_clear=False))
+    assert bench.sequence.phase == "acquire"
+    bench.step(drives=replace(drives, state="disarmed", stop_inputs_clear=False))
+    assert bench.mission is not None
+    assert (bench.sequence.phase, bench.mission.cause) == ("aborted", "stop_input")
+
+
 def test_after_a_stall_of_the_machine_the_approach_goes_on(bench: Bench) -> None:
     """Everybody stood still: the supervisor looks before the bridge speaks again, and that has stopped by name."""
     bench.to_approach()
