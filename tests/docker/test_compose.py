@@ -17,7 +17,7 @@ SERVICES = re.findall(
     r"^  ([a-z-]+):$", COMPOSE.partition("\nservices:")[2].partition("\nnetworks:")[0], re.MULTILINE
 )
 # what a process says when the machine stood still for so long that it, rightly, stopped the robot
-STALLS = ("_age", "_stalled", "is silent", "late")
+STALLS = ("_age", "_stalled", "is silent", "cannot be genuine", "late")
 TRIES = 4
 Start = Callable[[], Deployment]
 

@@ -121,7 +121,7 @@ class CanTap:
 
 # what bridge and world log when the host stood still for so long that the robot had to stop
 _STALL_WORDS = ("stood still",)
-_TRIES = 3
+_TRIES = 5
 _CALM_S, _STALL_S, _PATIENCE_S = 3.0, 0.05, 60.0
 
 
