@@ -16,6 +16,7 @@ from sim.can_nodes import FollowerBus
 from sim.drive_402 import PowerState
 
 _CANARY_PERIOD_S = 0.002
+_CANARY_PRIORITY = 70
 _TAP_WAIT_S = 0.1
 _STOPPED = (PowerState.QUICK_STOP_ACTIVE, PowerState.SWITCH_ON_DISABLED)
 
@@ -113,9 +114,14 @@ class BusTap:
 
 
 class Canary:
-    """A thread that wants to run every 2 ms: the longest time that it could not is the host's fault."""
+    """A thread that wants to run every 2 ms: the longest time that it could not is the host's fault.
 
-    def __init__(self) -> None:
+    Args:
+        cpu: the core on which it sits, above all processes of a robot where that is allowed; None: as its creator.
+    """
+
+    def __init__(self, cpu: int | None = None) -> None:
+        self._cpu = cpu
         self._worst_ns = 0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._sing, name="canary", daemon=True)
@@ -135,6 +141,10 @@ class Canary:
         self._thread.join()
 
     def _sing(self) -> None:
+        if self._cpu is not None:
+            os.sched_setaffinity(0, {self._cpu})
+            with contextlib.suppress(PermissionError):
+                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_CANARY_PRIORITY))
         before_ns = time.monotonic_ns()
         while not self._stop.wait(_CANARY_PERIOD_S):
             now_ns = time.monotonic_ns()

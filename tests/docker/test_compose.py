@@ -18,7 +18,7 @@ SERVICES = re.findall(
 )
 # what a process says when the machine stood still for so long that it, rightly, stopped the robot
 STALLS = ("_age", "_stalled", "is silent", "cannot be genuine", "late")
-TRIES = 4
+TRIES = 6
 Start = Callable[[], Deployment]
 
 

@@ -18,6 +18,8 @@ from typing import Any
 import can
 import pytest
 
+from experiments.stop_watch import Canary
+
 
 class SimRun:
     """One ``davpc sim`` in its own process."""
@@ -31,6 +33,7 @@ class SimRun:
             text=True,
         )
         self.lines: list[str] = []
+        self._canaries = [Canary(cpu) for cpu in os.sched_getaffinity(0)]
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -71,10 +74,14 @@ class SimRun:
         """Wait for the end; the exit code."""
         code = self.process.wait(timeout=seconds)
         self._reader.join()
+        for canary in self._canaries:
+            canary.close()
         return code
 
     def stalled(self) -> bool:
-        """Whether its processes noticed that the machine stood still."""
+        """Whether the machine stood still meanwhile: its canaries or its processes noticed."""
+        if any(canary.worst_ms() > _HOST_STALL_MS for canary in self._canaries):
+            return True
         logs = "".join(path.read_text(errors="replace") for path in (self.out / "logs").glob("*.log"))
         return any(word in logs for word in _STALL_WORDS)
 
@@ -121,6 +128,7 @@ class CanTap:
 
 # what bridge and world log when the host stood still for so long that the robot had to stop
 _STALL_WORDS = ("stood still",)
+_HOST_STALL_MS = 20.0
 _TRIES = 5
 _CALM_S, _STALL_S, _PATIENCE_S = 3.0, 0.05, 60.0
 
@@ -182,4 +190,4 @@ def sim_run(tmp_path: Path) -> Iterator[Any]:
     for run in runs:
         if run.process.poll() is None:
             os.kill(run.process.pid, signal.SIGTERM)
-            run.finish(30)
+        run.finish(30)
