@@ -7,7 +7,7 @@ wheels ramp down and go free, arms hold their position.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,6 +44,8 @@ class DriveBus:
     With ``listen_only`` nothing is ever sent: it follows what another bridge does on a live bus. ``heartbeat`` is
     withheld by the enable test only, to see the drives' watchdogs fire while they still answer SYNC. For ``homing``
     the axes that have to find their home are in that mode, and at most the one given to :meth:`home` gets power.
+    ``clock_ns`` tells the time between two frames: a process that is stopped within an exchange must not send the
+    rest of it when it is let go on.
     """
 
     def __init__(
@@ -53,10 +55,12 @@ class DriveBus:
         config_path: Path,
         listen_only: bool = False,
         homing: bool = False,
+        clock_ns: Callable[[], int] | None = None,
     ) -> None:
         self._config = config
         self._listen_only = listen_only
         self._homing = homing
+        self._clock_ns = clock_ns
         self._home: Axis | None = None
         self.heartbeat = True
         self.axes = make_homing_axes(config, base) if homing else make_axes(config, base)
@@ -203,6 +207,8 @@ class DriveBus:
         if self.heartbeat:
             bus.send(heartbeat_frame(self._config.master_node_id, STATE_OPERATIONAL))
         for axis, value in zip(self.axes, setpoint.per_axis(), strict=True):
+            if self._clock_ns is not None and not self._stalled and self._stood_still(now_ns, self._clock_ns()):
+                self.quick_stop()
             target = self._target(axis)
             reset = self._reset and axis.state is DriveState.FAULT
             bus.send(axis.command(target, value, reset))
@@ -237,11 +243,17 @@ class DriveBus:
 
     def _faults(self, now_ns: int) -> list[str]:
         if self._bus is not None and self._exchanged_ns is not None:
-            stood_ns = now_ns - self._exchanged_ns
-            if stood_ns > self._config.watchdog_ms * NS_PER_MS:
-                self._stalled = f"bridge: stood still for {stood_ns // NS_PER_MS} ms"
-                self._inbound.stood_still(now_ns)
+            self._stood_still(self._exchanged_ns, now_ns)
         return self._inbound.faults(now_ns, bool(self._stalled))
+
+    def _stood_still(self, since_ns: int, now_ns: int) -> bool:
+        """Whether the drives' watchdogs noticed that this process stood still."""
+        stood_ns = now_ns - since_ns
+        if stood_ns <= self._config.watchdog_ms * NS_PER_MS:
+            return False
+        self._stalled = f"bridge: stood still for {stood_ns // NS_PER_MS} ms"
+        self._inbound.stood_still(now_ns)
+        return True
 
     def _measurement(self, now_ns: int) -> Measurement:
         axes, io = self.axes, self._inbound.io

@@ -206,6 +206,24 @@ def test_more_leds_than_the_module_drives_is_an_error_of_the_configuration() -> 
         LeaderIo(stepped_config().leader_can, CONFIG_PATH, leds=5)
 
 
+def test_stopped_within_an_exchange_it_does_not_send_the_rest_of_it_later() -> None:
+    with follower_rig() as rig:
+        rig.enable()
+        setpoint = rim_speed(0.3, rig.config)
+        rig.cycles(100, setpoint)
+        late_ns = iter((0, *[10 * NS_PER_S] * 100))
+        now_ns = rig.clock.now_ns()
+        drives = rig.drives
+        drives._clock_ns = lambda: now_ns + next(late_ns)  # it is stopped behind the first wheel's frame
+        measured = drives.exchange(now_ns, setpoint)
+        assert measured.stalled == "bridge: stood still for 10000 ms"
+        rig.pass_time(10)
+        assert rig.robot.right_wheel.state.value == 0x07
+        drives.exchange(rig.clock.now_ns(), setpoint)
+        rig.pass_time(10)
+        assert rig.robot.left_wheel.state.value == 0x07
+
+
 def test_a_server_that_stood_still_says_so_to_its_nodes(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
