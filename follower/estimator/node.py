@@ -39,16 +39,16 @@ class EstimatorNode(Node):
         come, an invalid state. Without a mission, or with one for other LEDs, there is no homography.
         """
         frame = inputs.arrived(FRAME)
-        if frame is None:
-            if inputs.fresh(FRAME, now_ns) is not None:
-                return ()
-            return ((DOCKING_STATE, self._estimator.no_frame(now_ns)),)
+        if frame is None and inputs.fresh(FRAME, now_ns) is not None:
+            return ()
         mission = inputs.newest(MISSION)
         if mission is None or mission.message.phase in _NO_DOCKING:
             self._estimator.let_go()
-        if not 0 <= now_ns - frame.capture_ns <= FRAME.max_age_ns:
-            return ((DOCKING_STATE, self._estimator.no_frame(now_ns, "stale_frame")),)
         twist = self._twist(inputs.fresh(DRIVES, now_ns))
+        if frame is None:
+            return ((DOCKING_STATE, self._estimator.no_frame(now_ns, twist)),)
+        if not 0 <= now_ns - frame.capture_ns <= FRAME.max_age_ns:
+            return ((DOCKING_STATE, self._estimator.no_frame(now_ns, twist, "stale_frame")),)
         desired = np.array(mission.message.desired_features) if mission else None
         if desired is not None and desired.shape != (self._leds, 2):
             desired = None

@@ -139,6 +139,10 @@ class Perception:
         theta = theta_from_homography(detection.features, desired_features, self._normal, expected.theta_rad)
         return replace(detection, theta_homography_rad=theta)
 
+    def drive(self, now_ns: int, twist: tuple[float, float]) -> None:
+        """No frame came: drive on without sight, with the (v [m/s], ω [rad/s]) measured until now."""
+        self._reckoning.drive(now_ns, twist)
+
     def _exposure(self, image: Image, rule: SpotRule, seen: ImageReport, detection: Detection) -> StateCause:
         """Why nothing was found: the exposure, if it is that; the array may show only at a lower threshold."""
         if seen.exposure is not None:

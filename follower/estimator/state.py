@@ -72,8 +72,12 @@ class StateEstimator:
         self._filter(detection, twist)
         return self._state(detection, frame.capture_ns)
 
-    def no_frame(self, now_ns: int, cause: StateCause = "no_frame") -> DockingState:
-        """The state when no frame came, or none that may be looked at: the last pose, not valid."""
+    def no_frame(self, now_ns: int, twist: tuple[float, float], cause: StateCause = "no_frame") -> DockingState:
+        """The state when no frame came, or none that may be looked at: the last pose, not valid.
+
+        The array will be looked for where the wheels take the robot meanwhile.
+        """
+        self._perception.drive(now_ns, twist)
         nothing = np.full((len(self._config.leds.points), 2), np.nan)
         self._measured_ns = None
         return self._state(Detection(self._frame_sequence, now_ns, False, cause, nothing, nothing), now_ns)

@@ -89,7 +89,7 @@ def rig(config: Config, tmp_path: Path) -> Rig:
     source = FakeSource()
     node = CameraNode(NodeContext(robots, tmp_path / "robots.toml", tmp_path, 1, SteppedClock(0)), source)
     node.start(0)
-    return Rig(source, node, tmp_path, StateEstimator(config).no_frame(0))
+    return Rig(source, node, tmp_path, StateEstimator(config).no_frame(0, (0.0, 0.0)))
 
 
 def test_frames_are_numbered_and_their_pixels_lie_in_the_ring(rig: Rig) -> None:

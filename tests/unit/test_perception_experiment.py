@@ -85,7 +85,7 @@ def test_features_are_judged_through_the_whole_lens(config: Config) -> None:
     near = Pose2(1.8, 0.5, 0.2)
     leds_px, _ = Optics(camera, config.leds, seed=1).led_truth(View(1, near, (1.0,) * 4))
     features = tuple((float(a), float(b)) for a, b in features_at(config.leds.points, near, camera.mount))
-    state = replace(StateEstimator(robots).no_frame(0), features=(None, *features[1:]))
+    state = replace(StateEstimator(robots).no_frame(0, (0.0, 0.0)), features=(None, *features[1:]))
     assert wrong_leds(robots, state, leds_px) == 0
     assert wrong_leds(config, state, leds_px) == 3, "another lens puts them elsewhere"
 

@@ -57,6 +57,8 @@ class Rig:
         self.optics = Optics(config.camera, config.leds, 1)
         self.ring = FrameRing(runtime, config.camera.width_px, config.camera.height_px)
         self.sequence = 0
+        self.pose = HERE
+        self.blind_ns = 0
 
     def put(self, channel: object, message: Message, source: str, now_ns: int) -> None:
         header = Header(source, 1, self.sequence, now_ns, self.clock.boot_id)
@@ -64,8 +66,8 @@ class Rig:
 
     def look(self, age_ns: int = 5 * NS_PER_MS) -> DockingState:
         self.sequence += 1
-        now_ns = START_NS + self.sequence * PERIOD_NS
-        self.optics.render(self.ring.slot(self.sequence), View(self.sequence, HERE, (1.0,) * 4))
+        now_ns = START_NS + self.sequence * PERIOD_NS + self.blind_ns
+        self.optics.render(self.ring.slot(self.sequence), View(self.sequence, self.pose, (1.0,) * 4))
         slot = self.ring.commit(self.sequence)
         camera = self.camera
         note = Frame(self.sequence, slot, now_ns - age_ns, "x", camera.width_px, camera.height_px, 600.0, 1.0)
@@ -74,6 +76,18 @@ class Rig:
         ((_, state),) = self.node.step(now_ns, self.inbox)
         assert isinstance(state, DockingState)
         return state
+
+    def drive_blindly(self, speed_m_s: float, seconds: float, radius_m: float) -> None:
+        """Without frames, stepped at 20 Hz."""
+        for _ in range(round(20 * seconds)):
+            self.blind_ns += NS_PER_S // 20
+            now_ns = START_NS + self.sequence * PERIOD_NS + self.blind_ns
+            rolling = replace(STANDING, wheel_speed_rad_s=(speed_m_s / radius_m,) * 2, measured_ns=now_ns)
+            self.put(DRIVES, rolling, "follower-can-bridge", now_ns)
+            self.put(MISSION, replace(MISSION_1, phase="approach"), "follower-supervisor", now_ns)
+            self.inbox.begin_step()
+            self.node.step(now_ns, self.inbox)
+        self.pose = Pose2(self.pose.x_m - speed_m_s * seconds, self.pose.y_m, self.pose.theta_rad)
 
 
 @pytest.fixture
@@ -98,6 +112,18 @@ def test_a_mission_for_other_leds_gives_no_homography(rig: Rig, config: Config) 
         last = [rig.look() for _ in range(6)][-1]
         assert last.valid
         assert (last.theta_homography_rad is not None) == solved
+
+
+def test_a_camera_that_comes_back_finds_the_array_where_the_robot_has_driven_meanwhile(
+    rig: Rig, config: Config
+) -> None:
+    assert [rig.look().valid for _ in range(6)][-1]
+    rig.drive_blindly(0.4, 2.0, config.base.wheel_radius_m)
+    now_ns = START_NS + (rig.sequence + 1) * PERIOD_NS + rig.blind_ns
+    rig.put(DRIVES, replace(STANDING, measured_ns=now_ns), "follower-can-bridge", now_ns)
+    last = [rig.look() for _ in range(12)][-1]
+    assert (last.valid, last.cause) == (True, "ok")
+    assert last.x_m == pytest.approx(rig.pose.x_m, abs=0.05)
 
 
 def test_speeds_that_no_wheel_can_have_are_not_driven(rig: Rig) -> None:
