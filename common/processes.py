@@ -18,7 +18,8 @@ ENTRY_POINTS = "davpc.processes"
 class Process:
     """One process: its name everywhere, where it runs, what makes it step and what it is for.
 
-    ``priority`` is its SCHED_FIFO priority where the system allows one: the shorter the loop, the higher;
+    ``priority`` is its SCHED_FIFO priority where the system allows one: the shorter the loop, the higher; only the
+    controller, whose work is short and whose lateness stops the robot, goes before camera and estimator;
     ``locked`` says that its memory is locked, where that is allowed.
     """
 
@@ -51,7 +52,7 @@ PROCESSES: tuple[Process, ...] = (
     Process("leader", "leader", 50, 40, "timer, requests", "LED array, guide and lock; CANopen to the I/O module"),
     Process("follower-camera", "follower", 60, 30, "camera", "light → frame"),
     Process("follower-estimator", "follower", 60, 30, "frame", "frame → docking state"),
-    Process("follower-controller", "follower", 20, 25, "every third docking state", "docking state → command"),
+    Process("follower-controller", "follower", 20, 35, "every third docking state", "docking state → command"),
     Process("follower-arms", "follower", 100, 40, "drives", "handle torques, contact from joint torque"),
     Process("follower-supervisor", "follower", 20, 45, "timer, requests", "phases of a docking, arming"),
     Process("follower-gateway", "follower", 2, 10, "timer", "the robot's only network socket: pair channels, mTLS"),
