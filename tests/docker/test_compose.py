@@ -66,8 +66,10 @@ def cut_and_heal(deployment: Deployment) -> None:
 @pytest.mark.alone
 @pytest.mark.timeout(1800)
 def test_it_docks_although_the_robots_network_is_cut_in_the_approach(start: Start) -> None:
+    hosts: list[HostWatch] = []
     for _ in range(TRIES):
         with HostWatch() as host:
+            hosts.append(host)
             deployment = start()
             cut_and_heal(deployment)
             code = deployment.finish()
@@ -75,8 +77,7 @@ def test_it_docks_although_the_robots_network_is_cut_in_the_approach(start: Star
         if code == 0 or not any(word in f"{results['cause']}" for word in STALLS):
             break
     else:
-        if host.stood_still():
-            cannot_judge(TRIES, host.worst_ms())
+        cannot_judge(hosts)
     assert code == 0, deployment.output()[-6000:]
     assert is_docked(results), results
     for service in SERVICES:
