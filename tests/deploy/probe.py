@@ -53,11 +53,6 @@ class Probe:
         health = self.newest(health_channel(process), 1.2)
         return isinstance(health, Health) and health.ready
 
-    def missed(self, process: str) -> int:
-        """Periods that a process has overslept so far."""
-        health = self.newest(health_channel(process), 5.0)
-        return health.missed_periods if isinstance(health, Health) else 0
-
     def is_disarmed(self) -> bool:
         """Whether the bridge lives and no drive is under power."""
         drives: Any = self.newest(DRIVES)

@@ -19,10 +19,12 @@ from tests.deploy.docking import TARGET, ask, dock
 from tests.deploy.machines import PATIENCE_S, Machine, Network, until
 from tests.deploy.probe import Probe
 from tests.deploy.units import ROOT, merged, unit_of
+from tests.host import slowness
 
 pytestmark = [pytest.mark.alone, pytest.mark.timeout(HANGS_S)]
 
 NETWORK, BUSES = ("10.77.0.1", "10.77.0.2"), ("10.78.0.1", "10.78.0.2")  # of Follower and Leader
+# on usual cores; a slower host gets as much longer as it is slower
 ACTIVE_S = 15.0
 RECOVERED_S = 3.0
 HUNG_S = 10.0  # a watchdog whose signal a stopped process does not take would need 90 s
@@ -100,12 +102,12 @@ def pair(workshop: Workshop, installed: Installed, authority: Path) -> Iterator[
 def test_both_targets_are_active_within_15_s_of_power(pair: Pair) -> None:
     until(
         lambda: pair.follower.is_active("davpc-follower.target") and pair.leader.is_active("davpc-leader.target"),
-        2 * ACTIVE_S,
+        PATIENCE_S,
         "both targets to be active",
     )
     took = time.monotonic() - pair.powered_s
     print(f"both targets active {took:.1f} s after power")  # noqa: T201 - shown by -s and on failure
-    assert took <= ACTIVE_S
+    assert took <= ACTIVE_S * slowness()
     with Probe(pair.follower) as probe:
         until(probe.is_disarmed, PATIENCE_S, "the bridge to say disarmed")
 
@@ -130,7 +132,7 @@ def test_a_killed_process_is_back_and_the_robot_disarmed_within_3_s(pair: Pair, 
         took = until(lambda: probe.run_of(name) != before and probe.is_well(name), PATIENCE_S, f"{name} to come back")
         took += until(lambda: machine is pair.leader or probe.is_disarmed(), PATIENCE_S, "the bridge to say disarmed")
         print(f"{name}: back after {took:.2f} s")  # noqa: T201 - shown by -s and on failure
-        assert took <= RECOVERED_S
+        assert took <= RECOVERED_S * slowness()
         assert machine.is_active(unit_of(name))
 
 
@@ -144,7 +146,7 @@ def test_a_bridge_killed_while_the_robot_drives_comes_back_without_power_and_sta
         took = until(lambda: probe.run_of("follower-can-bridge") != before, PATIENCE_S, "the bridge to come back")
         took += until(probe.is_disarmed, PATIENCE_S, "the bridge to say disarmed")
         print(f"bridge killed at speed: disarmed after {took:.2f} s")  # noqa: T201 - shown by -s and on failure
-        assert took <= RECOVERED_S
+        assert took <= RECOVERED_S * slowness()
         until(lambda: probe.phase().startswith("aborted"), PATIENCE_S, "the docking to be given up")
         assert probe.is_disarmed()
     pair.follower.must("systemctl", "restart", TARGET)
@@ -178,7 +180,7 @@ def test_the_leader_finds_its_bus_again_after_a_power_cut_of_the_follower(pair: 
     with Probe(pair.leader) as probe:
         pair.follower.cut_power()
         until(lambda: not leader_ready(probe), PATIENCE_S, "the Leader to miss its bus")
-        assert boot(pair.follower, "follower") <= ACTIVE_S
+        assert boot(pair.follower, "follower") <= ACTIVE_S * slowness()
         until(lambda: leader_ready(probe), PATIENCE_S, "the Leader to be ready again")
     with Probe(pair.follower) as probe:
         until(probe.is_disarmed, PATIENCE_S, "the bridge to say disarmed")
@@ -194,8 +196,10 @@ def leader_ready(probe: Probe) -> bool:
 def test_a_docking_runs_through_although_the_robots_lose_each_other_on_the_way(pair: Pair) -> None:
     def lose_each_other(probe: Probe) -> None:
         pair.network.plug("host0", False)
-        until(lambda: probe.newest(LEADER_STATE, 1.0) is None, PATIENCE_S, "the Leader to be missed")
-        pair.network.plug("host0", True)
+        try:
+            until(lambda: probe.newest(LEADER_STATE, 1.0) is None, PATIENCE_S, "the Leader to be missed")
+        finally:
+            pair.network.plug("host0", True)
         until(lambda: leader_ready(probe), PATIENCE_S, "the Leader to be heard again")
 
     dock(pair.follower, lose_each_other)
@@ -217,7 +221,7 @@ def test_a_crash_loop_stops_the_robot_until_a_person_resets_it(pair: Pair) -> No
 
     _, _, command = line.partition("then: ")
     machine.must("sh", "-c", command)
-    until(lambda: machine.is_active("davpc-follower.target"), ACTIVE_S, "the target after the reset")
+    until(lambda: machine.is_active("davpc-follower.target"), PATIENCE_S, "the target after the reset")
     assert not machine.is_active("davpc-safe.target")
     with Probe(machine) as probe:
         until(probe.is_disarmed, PATIENCE_S, "the bridge to say disarmed")

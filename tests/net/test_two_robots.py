@@ -15,7 +15,7 @@ from common.network_access import Robot
 from common.processes import ONE_MACHINE
 from tests.net.conftest import Gateways, needs_openssl
 from tests.net.rogue import first_packets, resident_mb
-from tests.system.conftest import repeated_after_host_stall, until
+from tests.system.conftest import judged_on_a_calm_host, until
 from tests.system.test_sim import is_docked
 
 pytestmark = [pytest.mark.alone, needs_openssl]
@@ -47,7 +47,7 @@ def two_robots(certificates: Path, logs: Path) -> Iterator[Gateways]:
         yield pair
 
 
-@repeated_after_host_stall
+@judged_on_a_calm_host
 def test_they_dock_under_garbage_half_open_connections_and_floods(
     sim_run: Any, certificates: Path, tmp_path: Path
 ) -> None:
@@ -73,7 +73,7 @@ def test_they_dock_under_garbage_half_open_connections_and_floods(
     assert all(megabytes <= GROWTH_MB for megabytes in grown.values()), grown
 
 
-@repeated_after_host_stall
+@judged_on_a_calm_host
 def test_without_the_link_the_approach_goes_on_and_the_lock_step_ends_by_name(
     sim_run: Any, certificates: Path, tmp_path: Path
 ) -> None:

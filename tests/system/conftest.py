@@ -18,7 +18,7 @@ from typing import Any
 import can
 import pytest
 
-from tests.host import HostWatch, cannot_judge
+from tests import host
 
 
 class SimRun:
@@ -33,7 +33,6 @@ class SimRun:
             text=True,
         )
         self.lines: list[str] = []
-        self.host = HostWatch()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -74,15 +73,7 @@ class SimRun:
         """Wait for the end; the exit code."""
         code = self.process.wait(timeout=seconds)
         self._reader.join()
-        self.host.close()
         return code
-
-    def stalled(self) -> bool:
-        """Whether the machine stood still meanwhile: its canaries or its processes noticed."""
-        if self.host.stood_still():
-            return True
-        logs = "".join(path.read_text(errors="replace") for path in (self.out / "logs").glob("*.log"))
-        return any(word in logs for word in _STALL_WORDS)
 
     def results(self) -> dict[str, Any]:
         """What it wrote."""
@@ -125,49 +116,17 @@ class CanTap:
         self._bus.shutdown()
 
 
-# what bridge and world log when the host stood still for so long that the robot had to stop
-_STALL_WORDS = ("stood still",)
-_TRIES = 5
-_ALL_TRIES_S = 1200
-_CALM_S, _STALL_S, _PATIENCE_S = 3.0, 0.05, 60.0
+_ALL_TRIES_S = 900
 
 
-def repeated_after_host_stall(test: Any) -> Any:
-    """Run the test again, with fresh processes, if it failed in a run in which the machine itself stood still.
-
-    A stall stops the robot, rightly: it says nothing about what the test asserts. A failure without one stands. Where
-    canaries saw the host stand still in every try, the test is skipped and says so.
-    """
+def judged_on_a_calm_host(test: Any) -> Any:
+    """Let a test with real-time processes be repeated with fresh ones where the host itself was in their way."""
 
     @functools.wraps(test)
     def wrapper(*args: Any, **kwargs: Any) -> None:
-        for attempt in range(1, _TRIES + 1):
-            before = len(kwargs["sim_run"].runs)
-            try:
-                test(*args, **kwargs)
-            except (AssertionError, pytest.fail.Exception):
-                mine = kwargs["sim_run"].runs[before:]
-                if not any(run.stalled() for run in mine):
-                    raise
-                if attempt == _TRIES:
-                    cannot_judge([run.host for run in kwargs["sim_run"].runs])
-                    raise
-                _until_the_machine_is_calm()
-            else:
-                return
+        host.judged_on_a_calm_host(lambda: test(*args, **kwargs))
 
     return pytest.mark.timeout(_ALL_TRIES_S)(wrapper)
-
-
-def _until_the_machine_is_calm() -> None:
-    """Wait until nothing has stood still for a while: stalls of the host come in bursts."""
-    begin = before = calm_since = time.monotonic()
-    while before - calm_since < _CALM_S and before - begin < _PATIENCE_S:
-        time.sleep(0.005)
-        now = time.monotonic()
-        if now - before > _STALL_S:
-            calm_since = now
-        before = now
 
 
 def until(condition: Any, seconds: float) -> None:
@@ -187,8 +146,6 @@ def sim_run(tmp_path: Path) -> Iterator[Any]:
     def start(*arguments: str) -> SimRun:
         runs.append(SimRun(tmp_path / f"run{len(runs)}", *arguments))
         return runs[-1]
-
-    start.runs = runs  # type: ignore[attr-defined]
 
     yield start
     for run in runs:

@@ -13,7 +13,7 @@ import pytest
 
 from common.config import Config
 from common.processes import ONE_MACHINE
-from tests.system.conftest import CanTap, repeated_after_host_stall, until
+from tests.system.conftest import CanTap, judged_on_a_calm_host, until
 
 FOLLOWER = [process.name for process in ONE_MACHINE if process.robot == "follower"]
 START = ("--start", "3,0.15,3")
@@ -35,7 +35,7 @@ def nothing_is_left(runtime: Path, children: dict[str, int]) -> bool:
 
 
 @pytest.mark.alone
-@repeated_after_host_stall
+@judged_on_a_calm_host
 def test_a_docking_with_every_process(sim_run: Any) -> None:
     run = sim_run(*START, "--seed", "3")
     run.wait_for("approach")
@@ -89,6 +89,7 @@ def test_an_exposure_too_short_is_mended_by_the_retry(sim_run: Any) -> None:
 
 @pytest.mark.alone
 @pytest.mark.parametrize("victim", FOLLOWER)
+@judged_on_a_calm_host
 def test_a_killed_follower_process_stops_the_wheels_and_is_named(sim_run: Any, config: Config, victim: str) -> None:
     run = sim_run("--start", "5,0.3,0")
     run.wait_for("approach")

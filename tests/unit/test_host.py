@@ -1,35 +1,91 @@
-"""A test is given up for the host's sake only where the host stood still in every try."""
+"""A test is repeated, and at last given up, for the host's sake only where the host was in its way each time."""
 
 from __future__ import annotations
 
-from typing import cast
+from typing import Any, cast
 
 import pytest
 
-from tests.host import STALL_MS, HostWatch, cannot_judge
+from tests import host
+from tests.host import HostWatch, Pace, judged_on_a_calm_host
 
 
 class Played:
-    """A watch that has seen what it is told."""
+    """Watches that have seen, one after another, what they are told."""
 
-    def __init__(self, worst_ms: float) -> None:
-        self._worst_ms = worst_ms
+    def __init__(self, *seen: str) -> None:
+        self._seen = list(seen)
+        self.made = 0
 
-    def worst_ms(self) -> float:
-        return self._worst_ms
+    def __call__(self) -> HostWatch:
+        self.made += 1
+        return cast(HostWatch, self)
 
-    def stood_still(self) -> bool:
-        return self._worst_ms > STALL_MS
+    def __enter__(self) -> Played:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def poor(self) -> str:
+        return self._seen[self.made - 1]
 
 
-def watches(*worst_ms: float) -> list[HostWatch]:
-    return [cast(HostWatch, Played(each)) for each in worst_ms]
+@pytest.fixture(autouse=True)
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(host, "_CALM_S", 0.0)
 
 
-def test_one_try_without_a_stall_is_judged() -> None:
-    cannot_judge(watches(50.0, STALL_MS, 60.0))
+def failing(times: int) -> Any:
+    left = [times]
+
+    def attempt() -> None:
+        left[0] -= 1
+        assert left[0] < 0, "the wheels went on"
+
+    return attempt
 
 
-def test_stalls_in_every_try_skip_by_name() -> None:
-    with pytest.raises(pytest.skip.Exception, match=r"in each of 2 tries, for up to 60 ms"):
-        cannot_judge(watches(50.0, 60.0))
+def test_a_failure_on_a_calm_host_stands_at_once() -> None:
+    watch = Played("", "")
+    with pytest.raises(AssertionError, match="the wheels went on"):
+        judged_on_a_calm_host(failing(1), watch)
+    assert watch.made == 1
+
+
+def test_a_failure_on_a_calm_host_stands_after_one_in_a_stall() -> None:
+    watch = Played("stood still for 50 ms", "")
+    with pytest.raises(AssertionError, match="the wheels went on"):
+        judged_on_a_calm_host(failing(3), watch)
+    assert watch.made == 2
+
+
+def test_a_failure_in_a_stall_is_repeated_until_it_passes() -> None:
+    watch = Played("stood still for 50 ms", "computed 2.4 times slower than usual", "")
+    judged_on_a_calm_host(failing(2), watch)
+    assert watch.made == 3
+
+
+def test_stalls_in_every_try_skip_by_name_with_the_failure() -> None:
+    watch = Played("stood still for 50 ms", "computed 2.4 times slower than usual", "stood still for 60 ms")
+    named = r"the host stood still for 50 ms; then computed 2\.4 .*; then .* 60 ms: .*the wheels went on"
+    with pytest.raises(pytest.skip.Exception, match=named):
+        judged_on_a_calm_host(failing(3), watch)
+
+
+def test_other_errors_are_never_the_hosts_fault() -> None:
+    def broken() -> None:
+        raise ValueError("no number")
+
+    with pytest.raises(ValueError, match="no number"):
+        judged_on_a_calm_host(broken, Played("stood still for 50 ms"))
+
+
+def test_a_watch_says_what_it_saw(monkeypatch: pytest.MonkeyPatch) -> None:
+    with HostWatch() as watch:
+        monkeypatch.setattr(HostWatch, "worst_ms", lambda _: host.STALL_MS)
+        monkeypatch.setattr(Pace, "slowness", lambda _: host.SLOWNESS)
+        assert watch.poor() == ""
+        monkeypatch.setattr(HostWatch, "worst_ms", lambda _: 33.0)
+        monkeypatch.setattr(Pace, "slowness", lambda _: 2.5)
+        assert watch.poor() == "stood still for 33 ms and computed 2.5 times slower than usual"
