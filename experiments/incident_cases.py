@@ -5,6 +5,7 @@ Whatever does not end docked still holds its trolley.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,12 +20,12 @@ class Case:
         ends: the causes that are right, "done" for a docking that succeeds.
         names: what the cause's text must say beside its code, when it is one.
         never_arms: nothing may be armed.
-        hidden: what the LEDs' being hidden must lead to: a pause alone, or a search after it.
+        pauses: what it must lead to on the way: a pause alone, or a search after it.
         jam_m: how far before its place the trolley is blocked.
     """
 
     name: str
-    deed: Literal["hide", "jam", "bolt", "switch_open", "switch_closed", "led", "leader"]
+    deed: Literal["hide", "jam", "bolt", "switch_open", "switch_closed", "led", "leader", "slip"]
     phase: Phase
     ends: tuple[str, ...]
     trolley: int = 1
@@ -32,7 +33,7 @@ class Case:
     duration_s: float = 0.0
     names: str = ""
     never_arms: bool = False
-    hidden: Literal["", "pause", "search"] = ""
+    pauses: Literal["", "pause", "search"] = ""
     jam_m: float = 0.08
 
     @property
@@ -59,9 +60,9 @@ _OFF_ENDS: dict[Phase, str] = {
 CASES = {
     case.name: case
     for case in (
-        Case("hidden 0.3 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=0.3, hidden="pause"),
-        Case("hidden 1 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=1.0, hidden="pause"),
-        Case("hidden 5 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=5.0, hidden="search"),
+        Case("hidden 0.3 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=0.3, pauses="pause"),
+        Case("hidden 1 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=1.0, pauses="pause"),
+        Case("hidden 5 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=5.0, pauses="search"),
         Case("jam of trolley 1", "jam", "approach", ("contact_early",)),
         # so near its place only the seat's switch tells
         Case("late jam of trolley 1", "jam", "approach", ("contact_early", "lock_refused"), jam_m=0.05),
@@ -92,6 +93,16 @@ CASES = {
             "lock",
             ("lock_refused",),
             names="lock switch closed",
+        ),
+        Case("wheels slip for 1 s", "slip", "approach", ("done",), delay_s=4.0, duration_s=1.0, pauses="pause"),
+        Case(
+            "wheels slip for good",
+            "slip",
+            "approach",
+            ("too_many_pauses",),
+            delay_s=4.0,
+            duration_s=math.inf,
+            names="the wheels slip",
         ),
         *(
             Case(f"LED dies in {phase}", "led", phase, ("done", "few_leds"), 2 if phase == "staging" else 1)

@@ -25,6 +25,7 @@ START, SPREAD = (3.6, 0.25, 0.0), (0.15, 0.15, 4.0)
 _STANDING_M_S = 0.01
 _OCCLUDER_AHEAD_M, _OCCLUDER_RADIUS_M = 1.9, 0.45
 _LINGER_S = 1.0
+_WET_GRIP = 0.1  # of the wheels' way
 _SEARCH_AFTER_S, _SEARCH_HIDDEN_S = 2.0, 5.0
 # of an approach without a LED, until that is noticed and it has slowed down
 _SLOWED_S = 1.6
@@ -101,7 +102,7 @@ def is_right(case: Case, end: End) -> bool:
     """Whether it ended as the safety concept says."""
     if not (end.happened and end.still and end.reported and end.slow and end.ended in case.ends):
         return False
-    if case.hidden and not (end.pauses and bool(end.searches) == (case.hidden == "search")):
+    if case.pauses and not (end.pauses and bool(end.searches) == (case.pauses == "search")):
         return False
     if case.never_arms and end.armed:
         return False
@@ -176,6 +177,9 @@ class _Mishap:
             self.began_ns = now_ns
             self._begin(now_ns, stage)
         both_ns = max(self.began_ns or now_ns, self._approach_ns or now_ns)
+        if case.deed == "slip" and self.began_ns is not None:
+            wet = now_ns - self.began_ns < case.duration_s * NS_PER_S
+            plant.floor_grip = _WET_GRIP if wet else 1.0
         if case.deed == "led" and now_ns - both_ns > _SLOWED_S * NS_PER_S:
             self.fast = self.fast or plant.v_m_s > self._reduced_m_s + _STANDING_M_S
 

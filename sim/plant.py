@@ -2,7 +2,8 @@
 
 A model of its own, not the controller's: wheels follow their drives with a lag and, with a trolley in the
 grippers, short of what was told; the pose is integrated in 2 ms steps; an uneven floor tilts the camera along the
-way. Not modelled: slip, drift, and that the arms' forces turn the base.
+way. Wheels slip beyond the traction limit and where ``floor_grip`` says so; not modelled: drift, and that the arms'
+forces turn the base.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from sim.world_config import WorldConfig
 
 STEP_NS = 2_000_000
 _TRACK_SHARE = 0.25
+_GRIP_LAG_S = 0.4  # no floor stops or pulls the robot faster than 0.75 m/s² at 0.3 m/s
 # the next trolley comes when the Follower has stood for so long
 _STOOD_S = 0.3
 _STANDING_M_S = 0.005
@@ -42,6 +44,8 @@ class Plant:
         self.contact = Contact(world, handle, gripped=True, pitch_m=config.docking.trolley_pitch_m)
         step_s = STEP_NS / NS_PER_S
         self.leader = LeaderPlant(world, leader, len(config.leds.positions_m), self.contact.queue.guide, step_s)
+        # how much of its wheels' way the robot goes, once its own inertia is used up: less than 1 on a wet floor
+        self.floor_grip = self._grip = 1.0
         # what stands in the light's way: x, y in {L}, radius
         self.occluders: tuple[tuple[float, float, float], ...] = ()
         self._scene = named_scene(world.scene, world.seed)
@@ -51,8 +55,9 @@ class Plant:
         self.arms = SimulatedArms(config.arms, world, follower.joints, follower.grippers, follower.lift)
         self.time_ns: int | None = None
         self._wheel_target: tuple[float, ...] = (0.0, 0.0)
-        self._wheel_share, self._tilt_share = (
-            1.0 - math.exp(-step_s / constant_s) for constant_s in (world.wheel_lag_s, world.suspension_lag_s)
+        self._wheel_share, self._tilt_share, self._grip_share = (
+            1.0 - math.exp(-step_s / constant_s)
+            for constant_s in (world.wheel_lag_s, world.suspension_lag_s, _GRIP_LAG_S)
         )
 
     def advance(self, now_ns: int) -> None:
@@ -91,7 +96,8 @@ class Plant:
             self._wheel_angle[i] += self._wheel_speed[i] * dt_s
         left, right = (speed * base.wheel_radius_m for speed in self._wheel_speed)
         # beyond the traction limit the wheels turn on the spot
-        grip = min(1.0, max(0.0, 2.0 - abs(self.contact.handle_force_n) / world.traction_limit_n))
+        self._grip += self._grip_share * (self.floor_grip - self._grip)
+        grip = min(self._grip, max(0.0, 2.0 - abs(self.contact.handle_force_n) / world.traction_limit_n))
         self.v_m_s, self.w_rad_s = grip * (left + right) / 2, grip * (right - left) / base.track_m
         heading = self.pose.theta_rad + self.w_rad_s * dt_s / 2
         self.pose = Pose2(

@@ -13,6 +13,7 @@ from common.kinematics import twist_from_wheels
 from common.messages import Drives
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
+from follower.estimator.odometry import PoseIncrement, WheelOdometry
 from follower.estimator.state import StateEstimator
 
 _NO_DOCKING = ("idle", "done", "aborted")
@@ -31,6 +32,8 @@ class EstimatorNode(Node):
         self._base = context.config.base
         self._leds = len(context.config.leds.points)
         self._reader = FrameReader(context.runtime)
+        self._odometry = WheelOdometry(self._base, max_speed_rad_s=_FASTEST_RAD_S)
+        self._measured = (0.0, 0.0)
         self._estimator = StateEstimator(context.config)
         cv2.setNumThreads(1)
 
@@ -55,10 +58,19 @@ class EstimatorNode(Node):
         return ((DOCKING_STATE, self._estimator.step(frame, self._reader.read(frame), twist, desired)),)
 
     def _twist(self, drives: Drives | None) -> tuple[float, float]:
-        """As the wheels tell; none without them, for then they stand, nor from speeds that no wheel can have."""
-        if drives is None or max(map(abs, drives.wheel_speed_rad_s)) > _FASTEST_RAD_S:
+        """Mean since the measurement before, by the wheels' angles; none without drives, for then they stand.
+
+        Where angles cannot be compared the speeds count, unless no wheel can have them.
+        """
+        if drives is None:
             return 0.0, 0.0
-        return twist_from_wheels(self._base, drives.wheel_speed_rad_s)
+        moved = self._odometry.advance(drives.measured_ns, drives.wheel_angle_rad)
+        if isinstance(moved, PoseIncrement):
+            self._measured = moved.twist
+        elif moved != "repeated":
+            plausible = max(map(abs, drives.wheel_speed_rad_s)) <= _FASTEST_RAD_S
+            self._measured = twist_from_wheels(self._base, drives.wheel_speed_rad_s) if plausible else (0.0, 0.0)
+        return self._measured
 
 
 def make(context: NodeContext) -> EstimatorNode:

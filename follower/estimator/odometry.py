@@ -47,6 +47,15 @@ class PoseIncrement:
     duration_ns: int
     gap: bool
 
+    @property
+    def twist(self) -> tuple[float, float]:
+        """Mean (v [m/s], ω [rad/s]) of the arc that leads there."""
+        half = self.pose.theta_rad / 2
+        chord = self.pose.x_m * math.cos(half) + self.pose.y_m * math.sin(half)
+        way_m = chord * (half / math.sin(half) if abs(half) > 1e-9 else 1.0)
+        duration_s = self.duration_ns / NS_PER_S
+        return way_m / duration_s, self.pose.theta_rad / duration_s
+
     def then(self, following: PoseIncrement) -> PoseIncrement:
         """Both increments as one; their errors are taken as independent.
 

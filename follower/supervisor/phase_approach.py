@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from common.geometry import Array
+from common.kinematics import twist_from_wheels
 from common.messages import DockingState
 from follower.supervisor.attempt import MAX_PAUSES, MAX_RETRIES, Attempt, Since
 from follower.supervisor.few_leds import LateralForecast
@@ -20,6 +21,25 @@ _MISSING_LED_S = 0.3
 _NEARER_M = 0.02
 _HEADING_LEVER_M = 0.5
 _OVERSHOT_M = 0.15
+# row 40: relative error of the wheels' speed that no load explains, for how long, above which speed
+_SLIP_GAIN, _SLIP_S, _SLIP_SPEED_M_S = -0.5, 0.3, 0.05
+
+
+class WheelSlip:
+    """Whether the wheels turn and the robot, by its own sight, hardly follows (SAFETY.md, row 40)."""
+
+    def __init__(self, attempt: Attempt) -> None:
+        self._attempt = attempt
+        self._slipping = Since()
+
+    def step(self, seen: Observed) -> bool:
+        """Take one step; true once it has been so for 0.3 s."""
+        state, drives = seen.state, seen.drives
+        slips = False
+        if state is not None and state.valid and drives is not None:
+            v_m_s, _ = twist_from_wheels(self._attempt.config.base, drives.wheel_speed_rad_s)
+            slips = abs(v_m_s) > _SLIP_SPEED_M_S and state.disturbance[0] < _SLIP_GAIN
+        return self._slipping.held_s(slips, seen.now_ns) >= _SLIP_S
 
 
 class Pause:
@@ -28,7 +48,7 @@ class Pause:
 
     def __init__(self, attempt: Attempt) -> None:
         self._attempt = attempt
-        self._green, self._lost = Since(), Since()
+        self._green, self._lost, self._slip = Since(), Since(), WheelSlip(attempt)
         self.on = False
         self.lost_s = 0.0
         self.code = self.reason = ""
@@ -39,6 +59,8 @@ class Pause:
         self.code, self.reason = "unwell", attempt.blind(seen) or attempt.unwell(seen)
         if not self.reason and too_uncertain:
             self.code, self.reason = "few_leds", "too few LEDs to tell the goal"
+        if self._slip.step(seen) and not self.reason:
+            self.code, self.reason = "unwell", "the wheels slip"
         if not self.reason and seen.state is not None and not attempt.reckoning.agrees(seen.state):
             self.code, self.reason = "lock_disagrees", "the LEDs are not where they must be"
         self.lost_s = self._lost.held_s(bool(self.reason), seen.now_ns)

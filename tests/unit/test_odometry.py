@@ -49,6 +49,13 @@ def test_an_arc_is_a_circle() -> None:
     assert arc(0.7, 0.0) == Pose2(0.7, 0.0, 0.0)
 
 
+@given(v=st.floats(-0.5, 0.5), w=st.floats(-0.6, 0.6))
+def test_an_increment_tells_its_mean_twist(config: Config, v: float, w: float) -> None:
+    left, right = wheels_from_twist(config.base, v, w)
+    found = drive(WheelOdometry(config.base), [(left * 0.01, right * 0.01)])
+    assert found.twist == pytest.approx((v, w), abs=1e-9)
+
+
 def test_a_full_circle_comes_back(config: Config) -> None:
     base = config.base
     left, right = wheels_from_twist(base, 0.3, 0.5)

@@ -59,6 +59,7 @@ class Rig:
         self.sequence = 0
         self.pose = HERE
         self.blind_ns = 0
+        self.angle_rad = 0.0
 
     def put(self, channel: object, message: Message, source: str, now_ns: int) -> None:
         header = Header(source, 1, self.sequence, now_ns, self.clock.boot_id)
@@ -82,7 +83,8 @@ class Rig:
         for _ in range(round(20 * seconds)):
             self.blind_ns += NS_PER_S // 20
             now_ns = START_NS + self.sequence * PERIOD_NS + self.blind_ns
-            rolling = replace(STANDING, wheel_speed_rad_s=(speed_m_s / radius_m,) * 2, measured_ns=now_ns)
+            self.angle_rad += speed_m_s / radius_m / 20
+            rolling = replace(STANDING, wheel_angle_rad=(self.angle_rad,) * 2, measured_ns=now_ns)
             self.put(DRIVES, rolling, "follower-can-bridge", now_ns)
             self.put(MISSION, replace(MISSION_1, phase="approach"), "follower-supervisor", now_ns)
             self.inbox.begin_step()

@@ -259,6 +259,24 @@ def test_an_invalid_state_pauses_and_half_a_second_of_valid_ones_resumes_in_plac
     assert (bench.mission.motion, bench.mission.epoch) == ("servo", epoch)
 
 
+def test_wheels_that_slip_pause_until_they_stand(bench: Bench) -> None:
+    bench.to_approach()
+    state, drives = bench.seen.state, bench.seen.drives
+    assert bench.mission is not None
+    assert state is not None
+    assert drives is not None
+    rolling = replace(drives, wheel_speed_rad_s=(2.0, 2.0))
+    half = replace(state, disturbance=(-0.45, 0.0, 0.0, 0.0))
+    bench.run(1.0, drives=rolling, state=half)
+    assert bench.mission.motion == "servo"
+    bench.run(0.3, state=replace(state, disturbance=(-0.55, 0.0, 0.0, 0.0)))
+    assert bench.mission.motion == "servo"
+    bench.step()
+    assert (bench.mission.motion, bench.mission.armed, bench.mission.waiting) == ("hold", True, "the wheels slip")
+    bench.run(0.6, drives=drives)
+    assert bench.mission.motion == "servo"
+
+
 def test_an_undervoltage_pauses_until_it_is_over(bench: Bench) -> None:
     bench.to_approach()
     assert bench.mission is not None
