@@ -22,6 +22,7 @@ from common.channels import DRIVES
 from common.config import load_config
 from common.executor import earlier_processes
 from common.messages import Drives, decode
+from common.node import DeviceError
 from experiments.stop_feeder import SPEED_M_S, Feeder
 from experiments.stop_process import Starter, wait_for
 from experiments.stop_watch import Canary, StopWatch
@@ -75,8 +76,7 @@ class StopBench:
         """Start what is not running, arm a new epoch, and wait until both wheels are told to go at 0.3 m/s.
 
         Raises:
-            TimeoutError: it did not come to that.
-            RuntimeError: a process died by itself.
+            DeviceError: it did not come to that.
         """
         self.feeder.armed = False
         for name in (BRIDGE, CONTROLLER):
@@ -87,7 +87,7 @@ class StopBench:
         for _ in range(ARMING_ATTEMPTS):
             if self._arm():
                 return
-        raise TimeoutError(f"{ARMING_ATTEMPTS} times armed and stopped again: see the logs in {self._logs}")
+        raise DeviceError(f"{ARMING_ATTEMPTS} times armed and stopped again: see the logs in {self._logs}")
 
     def _arm(self) -> bool:
         """One new epoch, as the supervisor begins it; false if the bridge stopped it before it was under way."""

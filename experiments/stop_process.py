@@ -12,6 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from common.node import DeviceError
+
 _PR_SET_PDEATHSIG = 1
 _LOOK_S = 0.01
 Child = subprocess.Popen[bytes]
@@ -51,16 +53,15 @@ def wait_for(
     """Wait until a condition holds.
 
     Raises:
-        RuntimeError: a child died by itself.
-        TimeoutError: ``what`` still is after so long.
+        DeviceError: a child died by itself, or ``what`` still is after so long.
     """
     deadline = time.monotonic() + timeout_s
     while not condition():
         dead = [name for name, child in children.items() if child.poll() is not None]
         if dead:
-            raise RuntimeError(f"{dead[0]} died by itself: see its log in {logs}")
+            raise DeviceError(f"{dead[0]} died by itself: see its log in {logs}")
         if time.monotonic() > deadline:
-            raise TimeoutError(f"{what} after {timeout_s:.0f} s: see the logs in {logs}")
+            raise DeviceError(f"{what} after {timeout_s:.0f} s: see the logs in {logs}")
         time.sleep(_LOOK_S)
 
 

@@ -61,7 +61,7 @@ class StopRobot:
         """Start what is missing, dock anew, and wait until the wheels are told to go.
 
         Raises:
-            TimeoutError: it did not come to that; the text says where the logs are.
+            DeviceError: it did not come to that; the text says where the logs are.
         """
         for name, child in self._children.items():
             if child.poll() is not None:
