@@ -120,6 +120,7 @@ def stop_times(
         typer.Option(min=1, help="of each fault of the controller; half of the bridge's, three tenths of others'"),
     ] = 100,
     stalls: Annotated[int, typer.Option(min=0, help="of controller or bridge, 0.2 to 10 s")] = 50,
+    methods: MethodsOption = "",
     seed: SeedOption = 1,
     out: OutOption = Path("out/stop-times"),
     config: ConfigOption = None,
@@ -127,7 +128,7 @@ def stop_times(
     """How long the wheels go on after a process was killed or stopped."""
     from experiments import stop_times as module
 
-    module.run(out, config, trials, stalls, seed, typer.echo)
+    module.run(out, config, trials, stalls, seed, typer.echo, names(methods, module.NAMES, "method"))
     _show(out)
 
 

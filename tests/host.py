@@ -18,7 +18,7 @@ STALL_MS = 20.0
 # both robots, their world and the buses fill most of two cores at half of the usual speed
 SLOWNESS = 1.8
 
-_TRIES = 3
+_TRIES = 2
 _CALM_S, _PATIENCE_S = 3.0, 60.0
 _PACE_ADDITIONS, _PACE_PERIOD_S = 20_000, 0.25
 _USUAL_NS = (

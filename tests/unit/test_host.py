@@ -56,21 +56,21 @@ def test_a_failure_on_a_calm_host_stands_at_once() -> None:
 def test_a_failure_on_a_calm_host_stands_after_one_in_a_stall() -> None:
     watch = Played("stood still for 50 ms", "")
     with pytest.raises(AssertionError, match="the wheels went on"):
-        judged_on_a_calm_host(failing(3), watch)
+        judged_on_a_calm_host(failing(2), watch)
     assert watch.made == 2
 
 
 def test_a_failure_in_a_stall_is_repeated_until_it_passes() -> None:
-    watch = Played("stood still for 50 ms", "computed 2.4 times slower than usual", "")
-    judged_on_a_calm_host(failing(2), watch)
-    assert watch.made == 3
+    watch = Played("stood still for 50 ms", "")
+    judged_on_a_calm_host(failing(1), watch)
+    assert watch.made == 2
 
 
 def test_stalls_in_every_try_skip_by_name_with_the_failure() -> None:
-    watch = Played("stood still for 50 ms", "computed 2.4 times slower than usual", "stood still for 60 ms")
-    named = r"the host stood still for 50 ms; then computed 2\.4 .*; then .* 60 ms: .*the wheels went on"
+    watch = Played("stood still for 50 ms", "computed 2.4 times slower than usual")
+    named = r"the host stood still for 50 ms; then computed 2\.4 times .*: .*the wheels went on"
     with pytest.raises(pytest.skip.Exception, match=named):
-        judged_on_a_calm_host(failing(3), watch)
+        judged_on_a_calm_host(failing(2), watch)
 
 
 def test_other_errors_are_never_the_hosts_fault() -> None:
