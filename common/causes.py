@@ -66,7 +66,7 @@ _CAUSES: Final[tuple[Cause, ...]] = (
     Cause("camera_silent", "S1", "no usable image came", "see the camera's log, its cable"),
     Cause("estimator_silent", "S1", "no docking state came", "see the estimator's log"),
     Cause("unwell", "S1", "what is named was not well for too long", "see that process' log"),
-    Cause("too_many_pauses", "S1", "paused more than five times", "see why the LEDs come and go"),
+    Cause("too_many_pauses", "S1", "paused more than five times for what is named", "see to what is named"),
     Cause("approach_timeout", "S1", "the approach took too long", "see what keeps it; start again from further away"),
     Cause("no_progress", "S1", "the approach came no nearer", "see the floor and the load; start again"),
     Cause("overshot", "S1", "came nearer than the goal", "see the floor; start again from further away"),

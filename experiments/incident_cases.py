@@ -18,7 +18,7 @@ class Case:
 
     Attributes:
         ends: the causes that are right, "done" for a docking that succeeds.
-        names: what the cause's text must say beside its code, when it is one.
+        names: what the cause's text must say beside its code; after a docking that succeeded, what it paused for.
         never_arms: nothing may be armed.
         pauses: what it must lead to on the way: a pause alone, or a search after it.
         jam_m: how far before its place the trolley is blocked.
@@ -94,7 +94,16 @@ CASES = {
             ("lock_refused",),
             names="lock switch closed",
         ),
-        Case("wheels slip for 1 s", "slip", "approach", ("done",), delay_s=4.0, duration_s=1.0, pauses="pause"),
+        Case(
+            "wheels slip for 1 s",
+            "slip",
+            "approach",
+            ("done",),
+            delay_s=4.0,
+            duration_s=1.0,
+            names="the wheels slip",
+            pauses="pause",
+        ),
         Case(
             "wheels slip for good",
             "slip",

@@ -25,7 +25,7 @@ START, SPREAD = (3.6, 0.25, 0.0), (0.15, 0.15, 4.0)
 _STANDING_M_S = 0.01
 _OCCLUDER_AHEAD_M, _OCCLUDER_RADIUS_M = 1.9, 0.45
 _LINGER_S = 1.0
-_WET_GRIP = 0.1  # of the wheels' way
+_WET_GRIP = 0.0  # of the wheels' way
 _SEARCH_AFTER_S, _SEARCH_HIDDEN_S = 2.0, 5.0
 # of an approach without a LED, until that is noticed and it has slowed down
 _SLOWED_S = 1.6
@@ -54,7 +54,7 @@ class End:
         happened: the incident came to pass.
         reported: the record on disk says the same.
         armed: the arm token was given.
-        pauses: of the approach, by the report.
+        paused: why the approach did, by the report.
         searches: by the report.
         slow: with a dead LED the approach went on no faster than it may.
         phases: on the way.
@@ -68,7 +68,7 @@ class End:
     happened: bool
     reported: bool
     armed: bool
-    pauses: int
+    paused: str
     searches: int
     slow: bool
     phases: tuple[Phase, ...]
@@ -102,11 +102,13 @@ def is_right(case: Case, end: End) -> bool:
     """Whether it ended as the safety concept says."""
     if not (end.happened and end.still and end.reported and end.slow and end.ended in case.ends):
         return False
-    if case.pauses and not (end.pauses and bool(end.searches) == (case.pauses == "search")):
+    if case.pauses and not (end.paused and bool(end.searches) == (case.pauses == "search")):
         return False
     if case.never_arms and end.armed:
         return False
-    return end.ended == "done" or (end.latched_rightly and end.held and case.names in end.cause)
+    if end.ended == "done":
+        return case.names in end.paused
+    return end.latched_rightly and end.held and case.names in end.cause
 
 
 def incident_job(job: Job) -> End:
@@ -130,7 +132,7 @@ def incident_job(job: Job) -> End:
         happened=mishap.began_ns is not None and docking.trolley == case.trolley,
         reported=report_agrees(report, docking),
         armed=docking.ever_armed,
-        pauses=sum(report.get("pauses", {}).values()),
+        paused="; ".join(report.get("pauses", {})),
         searches=report.get("searches", 0),
         slow=not mishap.fast,
         phases=tuple(phase for phase, _ in docking.phases_s),

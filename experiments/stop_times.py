@@ -94,12 +94,13 @@ def run(
         "settings": configuration(load_config(config_path)),
         "seed": seed,
         "rows": rows,
-        "passed": True,
+        "complete": False,
+        "passed": False,
     }
+    write_json(out / "results.json", results)
 
     def note(row: dict[str, Any]) -> None:
         rows.append(row)
-        results["passed"] = results["passed"] and row["passed"]
         write_json(out / "results.json", results)
         progress(_line(row))
 
@@ -118,7 +119,8 @@ def run(
         with StopRobot(config_path, out) as robot:
             for method in on_robot:
                 note(_row(method, _trials(lambda m=method: _robot_trial(robot, m, random), method, trials)))  # type: ignore[misc]
-    return results
+    results |= {"complete": True, "passed": all(row["passed"] for row in rows)}
+    return write_json(out / "results.json", results)
 
 
 def _trials(one: Callable[[], Trial], method: Method, trials: int) -> tuple[list[Trial], int]:

@@ -21,8 +21,9 @@ _MISSING_LED_S = 0.3
 _NEARER_M = 0.02
 _HEADING_LEVER_M = 0.5
 _OVERSHOT_M = 0.15
-# row 40: relative error of the wheels' speed that no load explains, for how long, above which speed
-_SLIP_GAIN, _SLIP_S, _SLIP_SPEED_M_S = -0.5, 0.3, 0.05
+# row 40: an error of the wheels' speed, as a share of the largest that the estimator may find, that no load explains;
+# for how long, and once paused for how long again, while the estimator learns that it is over; above which speed
+_SLIP_SHARE, _SLIP_S, _SLIP_AGAIN_S, _SLIP_SPEED_M_S = 0.6, 0.3, 1.0, 0.05
 
 
 class WheelSlip:
@@ -30,16 +31,21 @@ class WheelSlip:
 
     def __init__(self, attempt: Attempt) -> None:
         self._attempt = attempt
+        self._gain = -_SLIP_SHARE * attempt.config.estimator.disturbance.bound[0]
         self._slipping = Since()
+        self._needed_s = _SLIP_S
 
     def step(self, seen: Observed) -> bool:
-        """Take one step; true once it has been so for 0.3 s."""
+        """Take one step; true once it has been so for 0.3 s, later for 1 s."""
         state, drives = seen.state, seen.drives
         slips = False
         if state is not None and state.valid and drives is not None:
             v_m_s, _ = twist_from_wheels(self._attempt.config.base, drives.wheel_speed_rad_s)
-            slips = abs(v_m_s) > _SLIP_SPEED_M_S and state.disturbance[0] < _SLIP_GAIN
-        return self._slipping.held_s(slips, seen.now_ns) >= _SLIP_S
+            slips = abs(v_m_s) > _SLIP_SPEED_M_S and state.disturbance[0] < self._gain
+        found = self._slipping.held_s(slips, seen.now_ns) >= self._needed_s
+        if found:
+            self._needed_s = _SLIP_AGAIN_S
+        return found
 
 
 class Pause:

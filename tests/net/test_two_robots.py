@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import socket
+import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -29,12 +30,12 @@ def free_tcp_port() -> int:
 
 
 @contextmanager
-def two_robots(certificates: Path, logs: Path) -> Iterator[Gateways]:
+def two_robots(certificates: Path, folder: Path) -> Iterator[Gateways]:
     """All processes of both robots and the world, each robot in a mesh of its own."""
     can = free_tcp_port()
     buses = [f"{bus}.bus.port={can}" for bus in ("follower_can", "leader_can")]
     pair = Gateways(certificates, "davpc", *buses, "world.start=[3.0,0.15,3.0]", "world.seed=3")
-    logs.mkdir(parents=True)
+    logs = Path(tempfile.mkdtemp(prefix="robots", dir=folder))
     with ExitStack() as stack:
         stack.callback(pair.close)
         for entry in ONE_MACHINE:
@@ -53,8 +54,7 @@ def test_they_dock_under_garbage_half_open_connections_and_floods(
 ) -> None:
     chance = random.Random(11)
     packets = first_packets(20, certificates / "ca.pem", certificates / "leader")
-    out = tmp_path / f"run{len(sim_run.runs)}"
-    with two_robots(certificates, out / "logs") as pair, ExitStack() as links:
+    with two_robots(certificates, tmp_path) as pair, ExitStack() as links:
         run = sim_run("--attach", str(pair.runtime("follower")), *pair.options())
         run.wait_for("approach")
         before = {robot: resident_mb(child.pid) for robot, child in pair.running.items()}
@@ -77,8 +77,7 @@ def test_they_dock_under_garbage_half_open_connections_and_floods(
 def test_without_the_link_the_approach_goes_on_and_the_lock_step_ends_by_name(
     sim_run: Any, certificates: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / f"run{len(sim_run.runs)}"
-    with two_robots(certificates, out / "logs") as pair:
+    with two_robots(certificates, tmp_path) as pair:
         run = sim_run("--attach", str(pair.runtime("follower")), *pair.options())
         run.wait_for("approach")
         pair.running["leader"].terminate()

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import functools
 import json
-import os
-import signal
 import struct
 import subprocess
 import sys
@@ -124,7 +122,14 @@ def judged_on_a_calm_host(test: Any) -> Any:
 
     @functools.wraps(test)
     def wrapper(*args: Any, **kwargs: Any) -> None:
-        host.judged_on_a_calm_host(lambda: test(*args, **kwargs))
+        def attempt() -> None:
+            try:
+                test(*args, **kwargs)
+            finally:  # or a repeat would share the cores with it
+                if "sim_run" in kwargs:
+                    kwargs["sim_run"].stop()
+
+        host.judged_on_a_calm_host(attempt)
 
     return pytest.mark.timeout(_ALL_TRIES_S)(wrapper)
 
@@ -138,17 +143,28 @@ def until(condition: Any, seconds: float) -> None:
         time.sleep(0.01)
 
 
+class SimRuns:
+    """Starts runs, each in a folder of its own, and ends them."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._runs: list[SimRun] = []
+
+    def __call__(self, *arguments: str) -> SimRun:
+        self._runs.append(SimRun(self._folder / f"run{len(self._runs)}", *arguments))
+        return self._runs[-1]
+
+    def stop(self) -> None:
+        """End those that still run."""
+        for run in self._runs:
+            if run.process.poll() is None:
+                run.process.terminate()
+            run.finish(30)
+
+
 @pytest.fixture
-def sim_run(tmp_path: Path) -> Iterator[Any]:
+def sim_run(tmp_path: Path) -> Iterator[SimRuns]:
     """Starts runs and leaves none behind."""
-    runs: list[SimRun] = []
-
-    def start(*arguments: str) -> SimRun:
-        runs.append(SimRun(tmp_path / f"run{len(runs)}", *arguments))
-        return runs[-1]
-
-    yield start
-    for run in runs:
-        if run.process.poll() is None:
-            os.kill(run.process.pid, signal.SIGTERM)
-        run.finish(30)
+    runs = SimRuns(tmp_path)
+    yield runs
+    runs.stop()

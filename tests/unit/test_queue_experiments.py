@@ -76,7 +76,7 @@ def test_every_expected_cause_is_one_that_exists() -> None:
 
 GOOD = End(
     "leader_lost", "leader_lost: in contact", still=True, held=True, latched_rightly=True, happened=True,
-    reported=True, armed=True, pauses=0, searches=0, slow=True, phases=("push",),
+    reported=True, armed=True, paused="", searches=0, slow=True, phases=("push",),
 )  # fmt: skip
 WRONG = ("still", "held", "latched_rightly", "happened", "reported", "slow")
 
@@ -91,7 +91,9 @@ def test_an_incident_ends_rightly_only_at_standstill_with_its_cause_its_report_a
 
 def test_hidden_leds_must_be_seen_to_pause_and_to_be_searched_for_only_when_long_gone() -> None:
     done = replace(GOOD, ended="done", cause="", held=False)
-    ends = [replace(done, pauses=pauses, searches=searches) for pauses, searches in ((1, 0), (0, 0), (1, 1))]
+    ends = [
+        replace(done, paused=paused, searches=searches) for paused, searches in (("LEDs", 0), ("", 0), ("LEDs", 1))
+    ]
     assert [is_right(CASES["hidden 1 s"], end) for end in ends] == [True, False, False]
     assert [is_right(CASES["hidden 5 s"], end) for end in ends] == [False, False, True]
 

@@ -269,12 +269,15 @@ def test_wheels_that_slip_pause_until_they_stand(bench: Bench) -> None:
     half = replace(state, disturbance=(-0.45, 0.0, 0.0, 0.0))
     bench.run(1.0, drives=rolling, state=half)
     assert bench.mission.motion == "servo"
-    bench.run(0.3, state=replace(state, disturbance=(-0.55, 0.0, 0.0, 0.0)))
+    bench.run(0.3, state=replace(state, disturbance=(-0.6, 0.0, 0.0, 0.0)))
     assert bench.mission.motion == "servo"
     bench.step()
     assert (bench.mission.motion, bench.mission.armed, bench.mission.waiting) == ("hold", True, "the wheels slip")
     bench.run(0.6, drives=drives)
     assert bench.mission.motion == "servo"
+    waiting = [bench.step(drives=replace(rolling, measured_ns=0)).mission.waiting for _ in range(23)]
+    # the estimator has time to learn that it is over
+    assert 18 <= waiting.index("the wheels slip") <= 21
 
 
 def test_an_undervoltage_pauses_until_it_is_over(bench: Bench) -> None:
