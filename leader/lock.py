@@ -57,7 +57,7 @@ class Lock:
         self._jam_since_ns: int | None = None
         self._odd_since_ns: int | None = None
         self._retracting_jam = ""
-        self._reversed = False
+        self._reversed = self._was_locked = False
         self.queue = queue
         self.cause = ""
 
@@ -132,7 +132,7 @@ class Lock:
         if not request.confirmed:
             held = "trolleys of unknown number" if self.queue is None else f"{self.queue} trolleys"
             return Answer(request.id, "refused", f"{held} would be let go: that needs a person's confirmation")
-        self._pending = request
+        self._pending, self._was_locked = request, self._state == "locked"
         self._enter("opening", now_ns)
         return None
 
@@ -154,7 +154,7 @@ class Lock:
             return Answer(
                 request.id, "refused", "the bolt is half way and would be retracted: that needs confirmation"
             )
-        self._pending = request
+        self._pending, self._was_locked = request, False
         self.cause = ""
         self._enter("opening", now_ns)
         return None
@@ -173,11 +173,14 @@ class Lock:
 
     def _closing(self, now_ns: int, seen: LockInputs) -> Answer | None:
         there = seen.lock_extended and not seen.lock_retracted
-        # on its way back after it began to open, the bolt may be near its end
-        too_soon = there and not self._reversed and self._travelled_s(now_ns) < self._config.lock_travel_least_s
+        # on its way back after a lock began to open, the bolt may be near its end
+        near = self._reversed and self._was_locked
+        too_soon = there and not near and self._travelled_s(now_ns) < self._config.lock_travel_least_s
         if there and not too_soon:
             if not self._reversed:
                 self.queue = 1
+            elif self.queue == 0:
+                self.queue = None  # opened out of a fault: something may be locked, and nobody counted it
             return self._settle("locked", "done", "locked", now_ns)
         jam = ""
         if too_soon:

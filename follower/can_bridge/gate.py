@@ -94,8 +94,8 @@ class WheelStatus:
     left_rad_s: float
     right_rad_s: float
     enabled: bool
-    left_rad: float = 0.0
-    right_rad: float = 0.0
+    left_rad: float
+    right_rad: float
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ class Walk:
         self.last = (0.0, 0.0)
         self.last_ns = self.now_ns
         self.window: deque[tuple[int, float, float]] = deque()
-        self.status = WheelStatus(-1, 0.0, 0.0, True)
+        self.status = WheelStatus(-1, 0.0, 0.0, True, 0.0, 0.0)
         self.moved = 0
 
     def step(self) -> Decision:

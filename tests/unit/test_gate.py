@@ -57,7 +57,7 @@ def token(stamp_ns: int = T0, **changes: Any) -> ArmToken:
 
 def wheels(v: float, now_ns: int, w: float = 0.0, enabled: bool = True) -> WheelStatus:
     turn = w * TRACK / 2
-    return WheelStatus(now_ns, (v - turn) / RADIUS, (v + turn) / RADIUS, enabled)
+    return WheelStatus(now_ns, (v - turn) / RADIUS, (v + turn) / RADIUS, enabled, 0.0, 0.0)
 
 
 class Bench:
@@ -143,8 +143,8 @@ def test_both_grow_together() -> None:
         ("token_caps", {"token": token(T0 + 1000 * MS, w_max_rad_s=-0.1)}),
         ("status_age", {"status": wheels(0.3, -1)}),
         ("not_enabled", {"status": wheels(0.3, T0 + 1000 * MS, enabled=False)}),
-        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, math.nan, 3.5, True)}),
-        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, math.inf, True)}),
+        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, math.nan, 3.5, True, 0.0, 0.0)}),
+        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, math.inf, True, 0.0, 0.0)}),
         ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, 3.5, True, math.nan, 0.0)}),
         ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, 3.5, True, 0.0, -math.inf)}),
     ],
@@ -312,7 +312,7 @@ def test_latches_until_the_next_epoch(rule: str) -> None:
 
 def test_a_jump_before_the_first_mission_latches_until_it() -> None:
     bench = Bench(epoch=1)
-    before = bench.step(token=None, status=WheelStatus(T0, math.nan, 0.0, True))
+    before = bench.step(token=None, status=WheelStatus(T0, math.nan, 0.0, True, 0.0, 0.0))
     assert (before.rule, before.sequence) == ("not_armed", -1)
     assert bench.step(signed(command(sequence=0, stamp_ns=bench.now_ns, epoch=1))).rule == ""
 
@@ -329,7 +329,7 @@ def test_the_first_latched_rule_is_the_one_that_is_told() -> None:
     bench = Bench()
     bench.drive(0.3)
     bench.step(signed(command(sequence=500, stamp_ns=bench.now_ns), run_id=6))
-    bench.step(status=WheelStatus(bench.now_ns, math.nan, 0.0, True))
+    bench.step(status=WheelStatus(bench.now_ns, math.nan, 0.0, True, 0.0, 0.0))
     bench.step()
     assert bench.step().rule == "second_writer"
 
@@ -342,7 +342,7 @@ def test_an_encoder_jump_stops_it(beyond: float, side: int, direction: float) ->
     bench.drive(0.2)
     rims = [0.2, 0.2]
     rims[side] += direction * (0.30 + beyond)
-    decision = bench.step(status=WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True))
+    decision = bench.step(status=WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True, 0.0, 0.0))
     assert (decision.rule == "measured_jump") == (beyond > 0)
 
 
@@ -411,7 +411,7 @@ def test_wheels_that_do_not_follow_stop_it(v: float, w: float, side: int, beyond
     rims = [v - turn, v + turn]
     set_rim = rims[side]
     rims[side] -= math.copysign(0.15 + 0.2 * abs(set_rim) + beyond, set_rim)
-    decision = bench.order(v, w, status=WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True))
+    decision = bench.order(v, w, status=WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True, 0.0, 0.0))
     assert (decision.rule == "measured_gap") == (beyond > 0)
 
 
@@ -425,7 +425,7 @@ def test_a_wheel_that_hardly_rolls_at_docking_speed_stops_it_after_300_ms(side: 
     rims[side] = share * v
     found, began_ns = [], bench.now_ns
     for _ in range(40):
-        status = WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True)
+        status = WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True, 0.0, 0.0)
         found.append((bench.now_ns - began_ns, bench.order(v, status=status).rule))
     stopped = [after_ns for after_ns, rule in found if rule]
     assert stopped[:1] == ([] if share > 0.25 else [310 * MS])

@@ -85,7 +85,7 @@ def test_no_sequence_of_inputs_moves_the_wheels_against_the_rules(given_steps: l
         assert isinstance(rims, tuple)
         radius = BASE.wheel_radius_m
         status_ns = now_ns - _int(said["status_age_ms"]) * MS
-        status = WheelStatus(status_ns, rims[0] / radius, rims[1] / radius, True)
+        status = WheelStatus(status_ns, rims[0] / radius, rims[1] / radius, True, 0.0, 0.0)
         inputs = said["inputs"]
         assert isinstance(inputs, tuple)
         decision = gate.step(
@@ -113,7 +113,7 @@ def _under_way() -> tuple[Gate, int, float, float]:
     first = seal_command(Command(0.3, 0.2, 1, 1, now_ns, now_ns + 1000 * MS, 1, now_ns))
     for n in range(12):
         left, right = last[0] - last[1] / 4, last[0] + last[1] / 4
-        status = WheelStatus(now_ns, left / BASE.wheel_radius_m, right / BASE.wheel_radius_m, True)
+        status = WheelStatus(now_ns, left / BASE.wheel_radius_m, right / BASE.wheel_radius_m, True, 0.0, 0.0)
         token = ArmToken(True, now_ns, BOOT, 1, "approach", 0.5, 0.6)
         decision = gate.step(now_ns, SignedCommand(first, 5, BOOT), token, status, StopInputs(True, True, True))
         last = (decision.v_m_s, decision.w_rad_s)

@@ -217,6 +217,29 @@ def test_a_follower_that_begins_to_move_closes_the_lock_again(bench: Bench) -> N
     assert (state.lock, state.queue) == ("locked", 2)
 
 
+def test_out_of_a_fault_a_switch_that_closes_too_soon_is_no_lock(bench: Bench) -> None:
+    bench.seen = HALF_WAY
+    bench.run(0.1)
+    bench.ask("reset", confirmed=True)
+    bench.run(0.1)
+    bench.follower = MOVING
+    assert bench.run(0.1).lock == "closing"
+    state = bench.run(0.1, lock_extended=True)
+    assert (state.lock, bench.outputs.actuator) == ("fault", 0)
+    assert "sooner than the bolt can be there" in state.cause
+
+
+def test_out_of_a_fault_a_lock_that_closes_again_holds_an_unknown_number(bench: Bench, config: Config) -> None:
+    bench.seen = HALF_WAY
+    bench.run(0.1)
+    bench.ask("reset", confirmed=True)
+    bench.run(0.1)
+    bench.follower = MOVING
+    bench.run(config.leader.lock_travel_least_s + 0.1)
+    state = bench.run(0.1, lock_extended=True)
+    assert (state.lock, state.queue) == ("locked", None)
+
+
 def test_what_jams_while_closing_again_is_never_retracted(bench: Bench) -> None:
     bench.to_locked(2)
     bench.ask("unlock", confirmed=True)
