@@ -32,8 +32,9 @@ class Played:
 
 
 @pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+def fresh_rule(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(host, "_CALM_S", 0.0)
+    monkeypatch.setattr(host, "_given_up", [])
 
 
 def failing(times: int) -> Any:
@@ -71,6 +72,14 @@ def test_stalls_in_every_try_skip_by_name_with_the_failure() -> None:
     named = r"the host stood still for 50 ms; then computed 2\.4 times .*: .*the wheels went on"
     with pytest.raises(pytest.skip.Exception, match=named):
         judged_on_a_calm_host(failing(2), watch)
+
+
+def test_after_two_tests_were_given_up_others_get_one_try() -> None:
+    for tries in (2, 2, 1):
+        watch = Played("stood still for 50 ms", "stood still for 50 ms")
+        with pytest.raises(pytest.skip.Exception):
+            judged_on_a_calm_host(failing(2), watch)
+        assert watch.made == tries
 
 
 def test_other_errors_are_never_the_hosts_fault() -> None:
