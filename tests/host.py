@@ -28,11 +28,6 @@ _USUAL_NS = (
 )
 
 
-def slowness() -> float:
-    """How many times the usual CPU time a piece of work takes now; at least 1."""
-    return max(1.0, statistics.median(_addition_ns() for _ in range(9)) / _USUAL_NS)
-
-
 class Pace:
     """How fast the machine computes meanwhile: CPU time of a fixed piece of work, now and then."""
 

