@@ -19,13 +19,13 @@ from tests.deploy.docking import TARGET, ask, dock
 from tests.deploy.machines import PATIENCE_S, Machine, Network, until
 from tests.deploy.probe import Probe
 from tests.deploy.units import ROOT, merged, unit_of
+from tests.host import HostWatch, judged_on_a_calm_host
 
 pytestmark = [pytest.mark.alone, pytest.mark.timeout(HANGS_S)]
 
 NETWORK, BUSES = ("10.77.0.1", "10.77.0.2"), ("10.78.0.1", "10.78.0.2")  # of Follower and Leader
-# three times what is asked of usual cores, which each test prints: a slow host is no fault, a hang is
-ACTIVE_S = 3 * 15.0
-RECOVERED_S = 3 * 3.0
+ACTIVE_S = 15.0
+RECOVERED_S = 3.0
 HUNG_S = 10.0  # a watchdog whose signal a stopped process does not take would need 90 s
 ROBOTS = [entry for entry in PROCESSES if entry.robot != "world"]
 
@@ -98,13 +98,17 @@ def pair(workshop: Workshop, installed: Installed, authority: Path) -> Iterator[
             machine.cut_power()
 
 
-def test_both_targets_are_active_soon_after_power(pair: Pair) -> None:
-    until(
-        lambda: pair.follower.is_active("davpc-follower.target") and pair.leader.is_active("davpc-leader.target"),
-        PATIENCE_S,
-        "both targets to be active",
-    )
-    took = time.monotonic() - pair.powered_s
+def test_both_targets_are_active_within_15_s_of_power(pair: Pair) -> None:
+    with HostWatch() as host:
+        until(
+            lambda: pair.follower.is_active("davpc-follower.target") and pair.leader.is_active("davpc-leader.target"),
+            PATIENCE_S,
+            "both targets to be active",
+        )
+        took = time.monotonic() - pair.powered_s
+        poor = host.poor()
+    if took > ACTIVE_S and poor:  # it cannot be switched on again
+        pytest.skip(f"the host {poor}: {took:.1f} s are not judged")
     print(f"both targets active {took:.1f} s after power")  # noqa: T201 - shown by -s and on failure
     assert took <= ACTIVE_S
     with Probe(pair.follower) as probe:
@@ -122,17 +126,25 @@ def test_the_units_are_in_force_as_they_are_written(pair: Pair) -> None:
 
 
 @pytest.mark.parametrize("name", [entry.name for entry in ROBOTS])
-def test_a_killed_process_is_back_soon_and_the_robot_disarmed(pair: Pair, name: str) -> None:
+def test_a_killed_process_is_back_and_the_robot_disarmed_within_3_s(pair: Pair, name: str) -> None:
     machine = pair.of(name)
-    with Probe(machine) as probe:
-        until(lambda: probe.is_well(name), PATIENCE_S, f"{name} to be well")
-        before = probe.run_of(name)
-        machine.must("systemctl", "kill", "--signal=KILL", unit_of(name))
-        took = until(lambda: probe.run_of(name) != before and probe.is_well(name), PATIENCE_S, f"{name} to come back")
-        took += until(lambda: machine is pair.leader or probe.is_disarmed(), PATIENCE_S, "the bridge to say disarmed")
-        print(f"{name}: back after {took:.2f} s")  # noqa: T201 - shown by -s and on failure
-        assert took <= RECOVERED_S
-        assert machine.is_active(unit_of(name))
+
+    def attempt() -> None:
+        with Probe(machine) as probe:
+            until(lambda: probe.is_well(name), PATIENCE_S, f"{name} to be well")
+            before = probe.run_of(name)
+            machine.must("systemctl", "kill", "--signal=KILL", unit_of(name))
+            took = until(
+                lambda: probe.run_of(name) != before and probe.is_well(name), PATIENCE_S, f"{name} to come back"
+            )
+            took += until(
+                lambda: machine is pair.leader or probe.is_disarmed(), PATIENCE_S, "the bridge to say disarmed"
+            )
+            print(f"{name}: back after {took:.2f} s")  # noqa: T201 - shown by -s and on failure
+            assert machine.is_active(unit_of(name))
+            assert took <= RECOVERED_S, f"back after {took:.2f} s"
+
+    judged_on_a_calm_host(attempt)
 
 
 def test_a_bridge_killed_while_the_robot_drives_comes_back_without_power_and_stays_so(pair: Pair) -> None:
@@ -220,7 +232,7 @@ def test_a_crash_loop_stops_the_robot_until_a_person_resets_it(pair: Pair) -> No
 
     _, _, command = line.partition("then: ")
     machine.must("sh", "-c", command)
-    until(lambda: machine.is_active("davpc-follower.target"), PATIENCE_S, "the target after the reset")
+    until(lambda: machine.is_active("davpc-follower.target"), ACTIVE_S, "the target after the reset")
     assert not machine.is_active("davpc-safe.target")
     with Probe(machine) as probe:
         until(probe.is_disarmed, PATIENCE_S, "the bridge to say disarmed")

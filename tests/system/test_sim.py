@@ -89,7 +89,6 @@ def test_an_exposure_too_short_is_mended_by_the_retry(sim_run: Any) -> None:
 
 @pytest.mark.alone
 @pytest.mark.parametrize("victim", FOLLOWER)
-@judged_on_a_calm_host
 def test_a_killed_follower_process_stops_the_wheels_and_is_named(sim_run: Any, config: Config, victim: str) -> None:
     run = sim_run("--start", "5,0.3,0")
     run.wait_for("approach")

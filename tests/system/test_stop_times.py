@@ -7,20 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from common.node import DeviceError
 from experiments.stop_times import METHODS, NAMES, ROBOT_METHODS, run
-from tests.system.conftest import judged_on_a_calm_host
 
 pytestmark = pytest.mark.alone
 
 
-@judged_on_a_calm_host
 def test_each_fault_stops_the_wheels_in_its_time(tmp_path: Path) -> None:
     lines: list[str] = []
-    try:
-        results = run(tmp_path, trials=1, stalls=1, progress=lines.append)
-    except DeviceError as error:  # it did not get under way
-        pytest.fail(str(error))
+    results = run(tmp_path, trials=1, stalls=1, progress=lines.append)
     assert json.loads((tmp_path / "results.json").read_text()) == results
     rows = {row["method"]: row for row in results["rows"]}
     assert tuple(rows) == NAMES
