@@ -21,11 +21,12 @@ class Case:
         names: what the cause's text must say beside its code; after a docking that succeeded, what it paused for.
         never_arms: nothing may be armed.
         pauses: what it must lead to on the way: a pause alone, or a search after it.
+        rearms: it must have been stopped, disarmed and armed anew on the way.
         jam_m: how far before its place the trolley is blocked.
     """
 
     name: str
-    deed: Literal["hide", "jam", "bolt", "switch_open", "switch_closed", "led", "leader", "slip"]
+    deed: Literal["hide", "jam", "bolt", "switch_open", "switch_closed", "led", "leader", "slip", "stall"]
     phase: Phase
     ends: tuple[str, ...]
     trolley: int = 1
@@ -34,6 +35,7 @@ class Case:
     names: str = ""
     never_arms: bool = False
     pauses: Literal["", "pause", "search"] = ""
+    rearms: bool = False
     jam_m: float = 0.08
 
     @property
@@ -113,6 +115,7 @@ CASES = {
             duration_s=math.inf,
             names="the wheels slip",
         ),
+        Case("controller stalls for 0.2 s", "stall", "approach", ("done",), delay_s=2.0, duration_s=0.2, rearms=True),
         *(
             Case(f"LED dies in {phase}", "led", phase, ("done", "few_leds"), 2 if phase == "staging" else 1)
             for phase in _LED_PHASES

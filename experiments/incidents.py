@@ -55,7 +55,7 @@ class End:
         reported: the record on disk says the same.
         armed: the arm token was given.
         paused: why the approach did, by the report.
-        searches: by the report.
+        searches, rearmed: by the report.
         slow: with a dead LED the approach went on no faster than it may.
         phases: on the way.
     """
@@ -70,6 +70,7 @@ class End:
     armed: bool
     paused: str
     searches: int
+    rearmed: int
     slow: bool
     phases: tuple[Phase, ...]
 
@@ -104,7 +105,7 @@ def is_right(case: Case, end: End) -> bool:
         return False
     if case.pauses and not (end.paused and bool(end.searches) == (case.pauses == "search")):
         return False
-    if case.never_arms and end.armed:
+    if (case.never_arms and end.armed) or (case.rearms and not end.rearmed):
         return False
     if end.ended == "done":
         return case.names in end.paused
@@ -134,6 +135,7 @@ def incident_job(job: Job) -> End:
         armed=docking.ever_armed,
         paused="; ".join(report.get("pauses", {})),
         searches=report.get("searches", 0),
+        rearmed=report.get("rearmed", 0),
         slow=not mishap.fast,
         phases=tuple(phase for phase, _ in docking.phases_s),
     )
@@ -179,9 +181,11 @@ class _Mishap:
             self.began_ns = now_ns
             self._begin(now_ns, stage)
         both_ns = max(self.began_ns or now_ns, self._approach_ns or now_ns)
-        if case.deed == "slip" and self.began_ns is not None:
-            wet = now_ns - self.began_ns < case.duration_s * NS_PER_S
-            plant.floor_grip = _WET_GRIP if wet else 1.0
+        lasts = self.began_ns is not None and now_ns - self.began_ns < case.duration_s * NS_PER_S
+        if case.deed == "slip":
+            plant.floor_grip = _WET_GRIP if lasts else 1.0
+        if case.deed == "stall" and not lasts:
+            stage.executor.resume("follower-controller")
         if case.deed == "led" and now_ns - both_ns > _SLOWED_S * NS_PER_S:
             self.fast = self.fast or plant.v_m_s > self._reduced_m_s + _STANDING_M_S
 
@@ -214,6 +218,8 @@ class _Mishap:
                 faults.stuck["lock_extended"] = True
             case "led":
                 faults.dead_leds.add(self._led)
+            case "stall":
+                stage.executor.halt("follower-controller")
             case "leader":
                 faults.powered = False
                 stage.executor.halt("leader")

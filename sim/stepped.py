@@ -112,6 +112,10 @@ class SteppedExecutor:
         """Node ``name`` does nothing from now on, as if its process were gone."""
         self._halted.add(name)
 
+    def resume(self, name: str) -> None:
+        """Node ``name`` goes on after :meth:`halt`; what it did not see meanwhile waits for it."""
+        self._halted.discard(name)
+
     @property
     def malformed(self) -> int:
         """Messages that a node could not decode."""

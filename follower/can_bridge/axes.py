@@ -147,9 +147,10 @@ class Axis:
         return ((STATUSWORD, POSITION),)
 
     def command(self, target: Target, setpoint: float | None, reset: bool) -> CanFrame:
-        """RPDO: the controlword of the next transition, and the set-point [rad/s, N·m or m] if it is in operation.
+        """RPDO: the controlword of the next transition, and the set-point [rad/s, N·m or m].
 
-        None leaves a position drive where it is, and is zero for the others.
+        A speed or a position counts in operation only, a torque from the first controlword that leads there: a drive
+        ignores it until then. None leaves a position drive where it is, and is zero for the others.
         """
         word = 0x0080 if reset else controlword(self.state, target, self.holds_in_quick_stop)
         running = self.state is DriveState.ENABLED and target is Target.ENABLED
@@ -158,7 +159,9 @@ class Axis:
             data = struct.pack("<H", word | START_HOMING if running else word)
         elif self.mode is Mode.PROFILE_TORQUE:
             limit = self.config.max_torque_permille
-            data = struct.pack("<Hh", word, max(-limit, min(limit, round(wanted * self.permille_per_n_m))))
+            # with the controlword that enables: a gripper whose first torque came a frame later would let go
+            torque = setpoint if target is Target.ENABLED and setpoint is not None else 0.0
+            data = struct.pack("<Hh", word, max(-limit, min(limit, round(torque * self.permille_per_n_m))))
         elif self.mode is Mode.PROFILE_VELOCITY:
             data = struct.pack("<Hi", word, _clamp32(wanted * self.counts_per_unit))
         else:

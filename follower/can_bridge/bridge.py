@@ -48,7 +48,7 @@ class Bridge:
     A rule of the gate that is not benign stops the motion and disarms until the supervisor begins a new epoch. So
     does a drive that is not heard, a bus with frames that cannot be genuine, and a stall of the bridge itself, which
     the drives' watchdogs noticed (``bridge_stalled``). What these latched is released at standstill only, by power
-    off; a new epoch waits for that in ``enabling``.
+    off; a new epoch waits for that in ``enabling``, as it does for the arms' first set-point.
     """
 
     def __init__(self, config: Config, boot_id: str) -> None:
@@ -90,7 +90,7 @@ class Bridge:
         arms = self._arms(heard, measured)
         self._follow(heard, measured, decision, arms, wanted)
         self._count(decision, arms)
-        power = "reset" if self._asked_to_reset(mission) else self._power(heard.now_ns, measured)
+        power = "reset" if self._asked_to_reset(mission) else self._power(heard.now_ns, measured, arms.rule)
         return Orders(self._setpoint(measured, decision, arms), power, decision)
 
     def _asked_to_reset(self, mission: Mission | None) -> bool:
@@ -145,7 +145,7 @@ class Bridge:
                 self.state, self.cause = "stopped", reason
                 self._stopped_epoch = self.epoch
         else:
-            self.state, self.cause = "enabling", ""
+            self.state, self.cause = "enabling", arms.rule
 
     def _reason(self, now_ns: int, rule: str, arm_rule: str) -> str:
         """Why an armed robot has to be stopped, or "": also when nobody who commands reaches this process."""
@@ -155,10 +155,15 @@ class Bridge:
             return rule
         return next((name for name in (rule, arm_rule) if name not in BENIGN_RULES), "")
 
-    def _power(self, now_ns: int, measured: Measurement) -> Literal["enable", "stop_arms", "disable"] | None:
+    def _power(
+        self, now_ns: int, measured: Measurement, arm_rule: str
+    ) -> Literal["enable", "stop_arms", "disable"] | None:
+        """Arms that nobody leads yet are not enabled: without a torque they would let go of what they hold."""
         if self.state in ("enabling", "armed") and not measured.stalled:
             self._still_since_ns = None
-            return "enable"
+            if not arm_rule:
+                return "enable"
+            return "stop_arms" if self._was_armed else None
         v, _ = twist_from_wheels(self._config.base, measured.wheel_speed_rad_s)
         if abs(v) > _STANDSTILL_M_S:
             self._still_since_ns = None

@@ -115,6 +115,10 @@ class Attempt:
             return "arms silent"
         return ""
 
+    def rolling(self, seen: Observed) -> str:
+        """Whether the wheels still turn after a stop: nothing is armed on the way; empty if they do not."""
+        return "standstill" if seen.drives is None or not standing(self.config, seen.drives) else ""
+
     def blind(self, seen: Observed) -> str:
         """Why the Leader's array is not in sight; empty if it is."""
         if seen.state is None:
@@ -142,6 +146,11 @@ def undervoltage(base: BaseConfig, drives: Drives | None) -> str:
     if drives is None or drives.battery_v >= base.battery_min_v:
         return ""
     return f"battery at {drives.battery_v:.1f} V, below {base.battery_min_v:g} V (base.battery_min_v)"
+
+
+def not_enabled(drives: Drives | None) -> str:
+    """That the drives did not follow the arm token, and why as far as they say."""
+    return "drives not enabled" + (f" ({drives.cause})" if drives is not None and drives.cause else "")
 
 
 def standing(config: Config, drives: Drives) -> bool:

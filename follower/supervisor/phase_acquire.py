@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from common.timing import NS_PER_S
-from follower.supervisor.attempt import MAX_SEARCHES, Attempt, Since
+from follower.supervisor.attempt import MAX_SEARCHES, Attempt, Since, not_enabled
 from follower.supervisor.observed import Observed, Orders, Verdict, turning
 from follower.supervisor.phase import PhaseLogic, failed
 
@@ -55,7 +55,7 @@ class Acquire(PhaseLogic):
             return Verdict("leds_lost")
         if self.elapsed_s(seen) > self.limits.acquire_timeout_s:
             named = refusal if seen.state is not None else ""
-            return failed(named or f"acquire_timeout: {missing or 'drives not enabled'}")
+            return failed(named or f"acquire_timeout: {missing or not_enabled(seen.drives)}")
         return Orders(waiting=missing or "drives")
 
     def _missing(self, seen: Observed) -> str:
@@ -66,7 +66,7 @@ class Acquire(PhaseLogic):
             return unwell
         if seen.arms is None or not seen.arms.gripped:
             return "no trolley in the grippers"
-        return attempt.leader_unready(seen) or attempt.blind(seen)
+        return attempt.rolling(seen) or attempt.leader_unready(seen) or attempt.blind(seen)
 
 
 class Search(PhaseLogic):
@@ -92,7 +92,7 @@ class Search(PhaseLogic):
             return Verdict("leds_found")
         unwell = attempt.unwell(seen) or ("no docking state" if state is None else "")
         if not attempt.armed:
-            unwell = unwell or attempt.leader_unready(seen)
+            unwell = unwell or attempt.rolling(seen) or attempt.leader_unready(seen)
         if self._unwell.held_s(bool(unwell), seen.now_ns) > self.limits.lost_timeout_s:
             return failed("estimator_silent" if state is None else f"unwell: {unwell}")
         if self._well.held_s(not unwell, seen.now_ns) >= _CONFIRM_S:

@@ -6,7 +6,7 @@ from typing import Literal
 
 from common.messages import Drives
 from common.timing import NS_PER_S
-from follower.supervisor.attempt import Attempt, Since, standing
+from follower.supervisor.attempt import Attempt, Since, not_enabled, standing
 from follower.supervisor.observed import Observed, Orders, Verdict, straight
 from follower.supervisor.phase import PhaseLogic, failed
 
@@ -42,7 +42,7 @@ class Staging(PhaseLogic):
         drives = seen.drives
         if drives is None or not self.attempt.obeyed(drives):
             # the sequence ends what stays silent; until then nothing moves
-            return self._overdue(seen, self.limits.acquire_timeout_s, "staging_timeout: drives not enabled")
+            return self._overdue(seen, self.limits.acquire_timeout_s, f"staging_timeout: {not_enabled(seen.drives)}")
         if self._stage == "open":
             return self._open(seen)
         if self._stage == "back":
@@ -58,7 +58,7 @@ class Staging(PhaseLogic):
         if gripped and not attempt.retreating:
             attempt.grip = "closed"  # it may have been left open by the docking before
             return Verdict("gripped")
-        lacking = attempt.unwell(seen) or attempt.leader_unready(seen)
+        lacking = attempt.unwell(seen) or attempt.rolling(seen) or attempt.leader_unready(seen)
         if attempt.retreating:
             lacking = lacking or attempt.blind(seen) or ("" if gripped else "trolley not gripped")
         to_goal_m = attempt.to_goal_m()

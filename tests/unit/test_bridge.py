@@ -33,13 +33,13 @@ class Rig:
         self.measured = HEALTHY
         self.now_ns = NS_PER_S
         self.power: list[str | None] = []
-        self.commanded = False
+        self.commanded = self.arms_lag = False
 
     def run(self, cycles: int = 1) -> str:
         for _ in range(cycles):
             self.now_ns += 10 * NS_PER_MS
             header = Header("x", 1, 1, self.now_ns, BOOT)
-            arms = ArmSetpoint(self.mission.epoch, (0.0,) * 6, (0.0, 0.0), 0.2)
+            arms = ArmSetpoint(self.mission.epoch - self.arms_lag, (0.0,) * 6, (0.0, 0.0), 0.2)
             heard = Heard(
                 self.now_ns,
                 self._command(),
@@ -107,6 +107,23 @@ def test_an_encoder_whose_angle_jumps_stops_and_disarms(rig: Rig, angles: dict[s
     assert rig.run(20) == "stopped"
     rig.mission = replace(rig.mission, epoch=rig.mission.epoch + 1)
     assert rig.run(2) == "armed"
+
+
+def test_arms_are_not_enabled_before_somebody_leads_them_under_the_new_epoch(rig: Rig) -> None:
+    rig.mission = replace(rig.mission, armed=False)
+    assert rig.run(2) == "disarmed"
+    rig.mission = replace(rig.mission, armed=True, epoch=rig.mission.epoch + 1)
+    rig.arms_lag = True
+    rig.measured = replace(rig.measured, arms_enabled=False)
+    rig.power.clear()
+    assert rig.run(30) == "enabling"
+    assert rig.bridge.cause == "arm_epoch"
+    assert set(rig.power) == {"stop_arms"}
+    rig.arms_lag = False
+    assert rig.run() == "enabling"
+    assert rig.power[-1] == "enable"
+    rig.measured = replace(rig.measured, arms_enabled=True)
+    assert rig.run() == "armed"
 
 
 def test_a_restarted_bridge_refuses_the_epoch_that_it_finds_armed(config: Config, rig: Rig) -> None:

@@ -54,6 +54,23 @@ def test_enables_drives_and_quick_stops() -> None:
         assert set(measured.states[2:]) == {DriveState.QUICK_STOP}
 
 
+def test_no_gripper_is_in_operation_without_its_torque() -> None:
+    with follower_rig() as rig:
+        rig.enable()
+        setpoint = DriveSetpoint(grip_torque_n_m=(2.0, 2.0))
+        rig.cycles(5, setpoint)
+        for _ in range(3):
+            rig.drives.quick_stop(("arms",))
+            rig.cycles(5)
+            assert {gripper.effort for gripper in rig.robot.grippers} == {"position"}
+            rig.drives.enable()
+            for _ in range(5):
+                rig.cycle(setpoint)
+                for gripper in rig.robot.grippers:
+                    assert gripper.effort == "position" or gripper.torque_setpoint_n_m == pytest.approx(2.0, abs=0.01)
+            assert {gripper.effort for gripper in rig.robot.grippers} == {"torque"}
+
+
 def test_signs_and_ratios_hold_on_each_axis() -> None:
     with follower_rig() as rig:
         rig.robot.lift.set_measured(0.1, 0.0, 0.0)

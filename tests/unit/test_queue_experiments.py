@@ -76,7 +76,7 @@ def test_every_expected_cause_is_one_that_exists() -> None:
 
 GOOD = End(
     "leader_lost", "leader_lost: in contact", still=True, held=True, latched_rightly=True, happened=True,
-    reported=True, armed=True, paused="", searches=0, slow=True, phases=("push",),
+    reported=True, armed=True, paused="", searches=0, rearmed=0, slow=True, phases=("push",),
 )  # fmt: skip
 WRONG = ("still", "held", "latched_rightly", "happened", "reported", "slow")
 
@@ -96,6 +96,12 @@ def test_hidden_leds_must_be_seen_to_pause_and_to_be_searched_for_only_when_long
     ]
     assert [is_right(CASES["hidden 1 s"], end) for end in ends] == [True, False, False]
     assert [is_right(CASES["hidden 5 s"], end) for end in ends] == [False, False, True]
+
+
+def test_what_is_stopped_for_a_moment_must_be_seen_to_be_armed_anew() -> None:
+    case, done = CASES["controller stalls for 0.2 s"], replace(GOOD, ended="done", cause="")
+    assert is_right(case, replace(done, rearmed=1))
+    assert not is_right(case, done)
 
 
 def test_a_switch_stuck_closed_must_be_named_and_must_keep_it_from_arming() -> None:

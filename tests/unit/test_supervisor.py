@@ -440,6 +440,18 @@ def test_a_late_command_stops_and_the_approach_goes_on_under_a_new_epoch(bench: 
     assert bench.mission.cause == "gate_stop: command_age"
 
 
+def test_nothing_is_armed_anew_while_the_robot_still_rolls(bench: Bench) -> None:
+    bench.to_approach()
+    drives = bench.seen.drives
+    assert drives is not None
+    bench.step(drives=replace(drives, state="stopped", cause="status_age", wheel_speed_rad_s=(2.0, 2.0)))
+    drives = replace(drives, state="disarmed", wheel_speed_rad_s=(2.0, 2.0))
+    assert bench.run(2.0, drives=drives) == "acquire"
+    assert bench.mission is not None
+    assert (bench.mission.armed, bench.mission.waiting) == (False, "standstill")
+    assert bench.run(0.7, drives=replace(drives, wheel_speed_rad_s=(0.0, 0.0))) == "approach"
+
+
 def test_who_is_late_now_and_then_only_does_not_end_the_docking(bench: Bench) -> None:
     bench.to_approach()
     for _ in range(6):
