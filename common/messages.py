@@ -289,7 +289,7 @@ class FollowerSummary:
     """What others may know of the Follower: it leaves the robot, for the Leader's interlock and for people.
 
     ``moving``: its wheels turn, or may be told to; ``in_contact``: it pushes against guide or queue, or holds a
-    trolley there that is not known to be locked.
+    trolley there that is not known to be locked; so it is taken after a start with closed grippers, until known.
     """
 
     SCHEMA: ClassVar[str] = "follower_summary/1"

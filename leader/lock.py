@@ -37,7 +37,7 @@ def interlock(follower: FollowerSummary | None) -> str:
     if follower.moving:
         return f"the Follower moves (phase {follower.phase})"
     if follower.in_contact:
-        return f"the Follower holds a trolley against the queue (phase {follower.phase})"
+        return f"the Follower holds a trolley against the queue, or does not know better (phase {follower.phase})"
     return ""
 
 

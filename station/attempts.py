@@ -94,6 +94,8 @@ def biases(records: list[dict[str, Any]]) -> tuple[str, ...]:
 
     Where trolleys are rigidly connected the queue holds the Follower in place, so what the camera says there is the
     camera's own error. One that is the same each time is no noise: lens, mounting or array are no longer as measured.
+    Along x nothing but the wheels tells where that is, from where the camera itself said that it had arrived: there a
+    wrong scale shows, over the push, and a constant offset does not.
     """
     found = []
     held = [record["connected"] for record in records if record["connected"] is not None]

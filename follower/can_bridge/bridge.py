@@ -81,7 +81,11 @@ class Bridge:
             heard.command,
             self._token(heard.mission) if wanted else None,
             WheelStatus(
-                measured.measured_ns, *measured.wheel_speed_rad_s, measured.wheels_enabled, *measured.wheel_angle_rad
+                measured.measured_ns,
+                *measured.wheel_speed_rad_s,
+                # wheels that are still in operation do not go before the arms hold what they carry
+                measured.wheels_enabled and measured.arms_enabled,
+                *measured.wheel_angle_rad,
             ),
             StopInputs(measured.inputs_fresh, measured.estop_clear, measured.protective_clear),
         )
@@ -144,6 +148,9 @@ class Bridge:
             if reason:
                 self.state, self.cause = "stopped", reason
                 self._stopped_epoch = self.epoch
+        elif decision.rule not in BENIGN_RULES:
+            self.state, self.cause = "stopped", decision.rule
+            self._stopped_epoch = self.epoch
         else:
             self.state, self.cause = "enabling", arms.rule
 

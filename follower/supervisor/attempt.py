@@ -8,18 +8,17 @@ from dataclasses import dataclass, field
 from common.causes import BAD_FRAMES, NODE_SILENT, cause_code
 from common.config import BaseConfig, Config
 from common.geometry import Array, Pose2, features_at
-from common.kinematics import twist_from_wheels
 from common.messages import Drives
 from common.timing import NS_PER_S
 from follower.supervisor.observed import Grip, Observed
 from follower.supervisor.reckoning import PoseReckoning
+from follower.supervisor.standstill import Standstill
 
 # what passes by itself stops the robot, and may do so so often within so long; more often it does not pass
 MAX_REARMED, REARMED_WITHIN_S = 3, 20.0
 MAX_SEARCHES = 3
 MAX_RETRIES = 3
 MAX_PAUSES = 5
-STANDSTILL_M_S, STANDSTILL_RAD_S = 0.005, 0.02
 
 
 class Since:
@@ -51,6 +50,7 @@ class Attempt:
     epoch: int
     taught: Mapping[int, Array] | None
     reckoning: PoseReckoning
+    standstill: Standstill
     grip: Grip = "closed"
     armed: bool = False
     enabled: bool = False
@@ -115,9 +115,9 @@ class Attempt:
             return "arms silent"
         return ""
 
-    def rolling(self, seen: Observed) -> str:
-        """Whether the wheels still turn after a stop: nothing is armed on the way; empty if they do not."""
-        return "standstill" if seen.drives is None or not standing(self.config, seen.drives) else ""
+    def rolling(self) -> str:
+        """That the wheels still turn after a stop: nothing is armed on the way; empty if they do not."""
+        return "" if self.standstill.holds else "standstill"
 
     def blind(self, seen: Observed) -> str:
         """Why the Leader's array is not in sight; empty if it is."""
@@ -151,9 +151,3 @@ def undervoltage(base: BaseConfig, drives: Drives | None) -> str:
 def not_enabled(drives: Drives | None) -> str:
     """That the drives did not follow the arm token, and why as far as they say."""
     return "drives not enabled" + (f" ({drives.cause})" if drives is not None and drives.cause else "")
-
-
-def standing(config: Config, drives: Drives) -> bool:
-    """Whether the wheels do not turn."""
-    v, w = twist_from_wheels(config.base, drives.wheel_speed_rad_s)
-    return abs(v) < STANDSTILL_M_S and abs(w) < STANDSTILL_RAD_S

@@ -39,11 +39,13 @@ class Acquire(PhaseLogic):
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
         super().__init__(attempt, now_ns)
         self._well, self._blind = Since(), Since()
+        self._lacked = ""
 
     def step(self, seen: Observed) -> Orders | Verdict:
         """See :class:`PhaseLogic`."""
         attempt = self.attempt
         missing = self._missing(seen)
+        self._lacked = missing or self._lacked
         if self._well.held_s(not missing, seen.now_ns) >= _CONFIRM_S:
             attempt.armed = True
             if attempt.obeyed(seen.drives):
@@ -55,7 +57,8 @@ class Acquire(PhaseLogic):
             return Verdict("leds_lost")
         if self.elapsed_s(seen) > self.limits.acquire_timeout_s:
             named = refusal if seen.state is not None else ""
-            return failed(named or f"acquire_timeout: {missing or not_enabled(seen.drives)}")
+            what = missing or (not_enabled(seen.drives) if attempt.armed else self._lacked)
+            return failed(named or f"acquire_timeout: {what}")
         return Orders(waiting=missing or "drives")
 
     def _missing(self, seen: Observed) -> str:
@@ -66,7 +69,7 @@ class Acquire(PhaseLogic):
             return unwell
         if seen.arms is None or not seen.arms.gripped:
             return "no trolley in the grippers"
-        return attempt.rolling(seen) or attempt.leader_unready(seen) or attempt.blind(seen)
+        return attempt.rolling() or attempt.leader_unready(seen) or attempt.blind(seen)
 
 
 class Search(PhaseLogic):
@@ -92,13 +95,14 @@ class Search(PhaseLogic):
             return Verdict("leds_found")
         unwell = attempt.unwell(seen) or ("no docking state" if state is None else "")
         if not attempt.armed:
-            unwell = unwell or attempt.rolling(seen) or attempt.leader_unready(seen)
+            unwell = unwell or attempt.rolling() or attempt.leader_unready(seen)
         if self._unwell.held_s(bool(unwell), seen.now_ns) > self.limits.lost_timeout_s:
             return failed("estimator_silent" if state is None else f"unwell: {unwell}")
         if self._well.held_s(not unwell, seen.now_ns) >= _CONFIRM_S:
             attempt.armed = True
         if (seen.now_ns - self._leg_ns) > self._leg_limit_s * NS_PER_S:
-            return failed(f"search_timeout: {unwell or 'the turn is not covered'}")
+            still = "the turn is not covered" if attempt.enabled else not_enabled(seen.drives)
+            return failed(f"search_timeout: {unwell or still}")
         if found or unwell or seen.drives is None or not attempt.obeyed(seen.drives):
             return Orders(waiting=unwell or "LEDs")
         return self._turn(seen, attempt.heading_rad(seen.drives))

@@ -6,7 +6,7 @@ from typing import Literal
 
 from common.messages import Drives
 from common.timing import NS_PER_S
-from follower.supervisor.attempt import Attempt, Since, not_enabled, standing
+from follower.supervisor.attempt import Attempt, Since, not_enabled
 from follower.supervisor.observed import Observed, Orders, Verdict, straight
 from follower.supervisor.phase import PhaseLogic, failed
 
@@ -48,7 +48,7 @@ class Staging(PhaseLogic):
         if self._stage == "back":
             return self._back(seen, drives)
         if self._stage == "stand":
-            return self._stand(seen, drives)
+            return self._stand(seen)
         return self._close(seen)
 
     def _check(self, seen: Observed) -> Orders | Verdict:
@@ -58,7 +58,7 @@ class Staging(PhaseLogic):
         if gripped and not attempt.retreating:
             attempt.grip = "closed"  # it may have been left open by the docking before
             return Verdict("gripped")
-        lacking = attempt.unwell(seen) or attempt.rolling(seen) or attempt.leader_unready(seen)
+        lacking = attempt.unwell(seen) or attempt.rolling() or attempt.leader_unready(seen)
         if attempt.retreating:
             lacking = lacking or attempt.blind(seen) or ("" if gripped else "trolley not gripped")
         to_goal_m = attempt.to_goal_m()
@@ -68,7 +68,13 @@ class Staging(PhaseLogic):
         if lacking or to_goal_m is None or (attempt.retreating and healthy_s < _HEALTHY_S):
             wait = Orders(waiting=lacking or "health")
             return failed(f"staging_timeout: {lacking}") if self.elapsed_s(seen) > _CHECK_TIMEOUT_S else wait
-        self._back_m = attempt.config.docking.staging_distance_m - to_goal_m
+        docking = attempt.config.docking
+        self._back_m = docking.staging_distance_m - to_goal_m
+        farthest_m = docking.staging_distance_m + docking.trolley_pitch_m
+        if self._back_m > farthest_m:
+            # nothing looks backwards: a wrong number must not send it across the hall
+            far = f"{self._back_m:.1f} m back, more than {farthest_m:.1f} m: is it trolley {attempt.trolley}?"
+            return failed(f"staging_timeout: {far}")
         attempt.armed = True
         return self._enter("back" if attempt.retreating else "open", seen)
 
@@ -90,10 +96,10 @@ class Staging(PhaseLogic):
             return failed("staging_timeout: the way back is not covered")
         return straight(-speed, waiting="staging pose")
 
-    def _stand(self, seen: Observed, drives: Drives) -> Orders | Verdict:
+    def _stand(self, seen: Observed) -> Orders | Verdict:
         if self._stood_ns is None:
             self._stood_ns = seen.now_ns
-        still_s = self._still.held_s(standing(self.attempt.config, drives), seen.now_ns)
+        still_s = self._still.held_s(self.attempt.standstill.holds, seen.now_ns)
         if self.attempt.retreating:
             if still_s < _STAND_S:
                 return Orders(waiting="standstill")

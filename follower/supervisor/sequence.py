@@ -14,7 +14,7 @@ from common.config import Config
 from common.geometry import Array
 from common.messages import Answer, DockRequest, Drives, FollowerSummary, Mission, Phase
 from common.timing import NS_PER_S
-from follower.supervisor.attempt import Attempt, standing
+from follower.supervisor.attempt import Attempt
 from follower.supervisor.observed import Decided, Observed, Orders, Verdict
 from follower.supervisor.phase import PhaseLogic
 from follower.supervisor.phase_acquire import Acquire, Search
@@ -23,6 +23,7 @@ from follower.supervisor.phase_contact import Insert, Push
 from follower.supervisor.phase_lock import Lock, Release, Retract
 from follower.supervisor.phase_staging import Staging
 from follower.supervisor.reckoning import PoseReckoning
+from follower.supervisor.standstill import Standstill
 from follower.supervisor.transitions import ENDED, FREE, IN_CONTACT, Event, next_phase
 
 _SILENT_NS = NS_PER_S // 4
@@ -41,6 +42,8 @@ REARMING_CAUSES: Final = frozenset(
 )
 # a longer step was a stall of this process: it says nothing of the others
 _LONGEST_STEP_NS = NS_PER_S // 10
+# before its goal with a trolley, nothing touches the queue from here on
+_CLEAR_M: Final = 0.3
 _LOGIC: Final[dict[Phase, type[PhaseLogic]]] = {
     "staging": Staging,
     "acquire": Acquire,
@@ -75,7 +78,9 @@ class DockingSequence:
         self._before_ns: int | None = None
         self._drives_silent_ns = 0
         self._reckoning = PoseReckoning(config.base)
-        self._attempt = Attempt(config, 1, run_id, None, self._reckoning)
+        self._standstill = Standstill(config.base)
+        self._attempt = Attempt(config, 1, run_id, None, self._reckoning, self._standstill)
+        self._apart: bool | None = None
 
     @property
     def phase(self) -> Phase:
@@ -91,6 +96,7 @@ class DockingSequence:
         """Take one step."""
         answers = tuple(self._answer(request, seen) for request in seen.requests)
         self._look(seen)
+        self._touch(seen)
         ended = self._watch(seen) if self._phase not in ENDED else None
         if ended is not None:
             self._follow(ended, seen)
@@ -101,6 +107,7 @@ class DockingSequence:
         """Follow the Leader by odometry, and by sight while that is where it must be."""
         elapsed_ns = 0 if self._before_ns is None else seen.now_ns - self._before_ns
         self._before_ns = seen.now_ns
+        self._standstill.step(seen.drives)
         if seen.drives is not None:
             self._drives_silent_ns = 0
             self._reckoning.drive(seen.drives)
@@ -109,6 +116,22 @@ class DockingSequence:
         state = seen.state
         if state is not None and state.valid and (not self._attempt.armed or self._reckoning.agrees(state)):
             self._reckoning.seen(state)
+
+    def _touch(self, seen: Observed) -> None:
+        """Whether the trolley in the grippers is apart from guide and queue; None: nothing told since the start.
+
+        What was in contact stays so over a reset and a new docking, until it is let go or seen clear of the queue.
+        """
+        if self._phase in IN_CONTACT:
+            self._apart = False
+        elif (seen.arms is not None and seen.arms.released) or self._clear_of_queue(seen):
+            self._apart = True
+
+    def _clear_of_queue(self, seen: Observed) -> bool:
+        pose, leader = self._reckoning.pose, seen.leader
+        if pose is None or leader is None or leader.queue is None:
+            return False
+        return pose.x_m - self._config.docking.goal(leader.queue + 1).x_m > _CLEAR_M
 
     def _orders(self, seen: Observed) -> Orders:
         """What the phase wants; a phase that ends hands over to the next at once."""
@@ -154,13 +177,15 @@ class DockingSequence:
 
     def _latched(self) -> bool:
         """After S2, and after whatever ended it in contact: then the trolley still stands there, held."""
-        in_contact = self._attempt.contact_begin_m is not None
+        in_contact = self._attempt.contact_begin_m is not None or self._apart is False
         return self._phase == "aborted" and (in_contact or needs_reset(self._cause))
 
     def _begin(self, trolley: int, seen: Observed) -> None:
         grip = self._attempt.grip
         self._epoch += 1
-        self._attempt = Attempt(self._config, trolley, self._epoch, self._taught, self._reckoning, grip)
+        self._attempt = Attempt(
+            self._config, trolley, self._epoch, self._taught, self._reckoning, self._standstill, grip
+        )
         self._follow(Verdict("start"), seen)
 
     # --- what ends a docking in any phase
@@ -239,9 +264,8 @@ class DockingSequence:
         )
 
     def _summary(self, seen: Observed, orders: Orders) -> FollowerSummary:
-        """Careful: what is not known counts as moving; what was in contact still is, until the trolley is let go."""
-        attempt, drives = self._attempt, seen.drives
-        still = drives is not None and standing(self._config, drives)
+        """Careful: what is not known counts as moving, and as in contact."""
+        attempt = self._attempt
         held = seen.arms is None or not seen.arms.released
         return FollowerSummary(
             phase=self._phase,
@@ -249,8 +273,8 @@ class DockingSequence:
             waiting=orders.waiting[:400],
             trolley=attempt.trolley,
             armed=attempt.armed,
-            moving=not still or (attempt.armed and orders.motion != "hold"),
-            in_contact=held and (self._phase in IN_CONTACT or attempt.contact_begin_m is not None),
+            moving=not self._standstill.holds or (attempt.armed and orders.motion != "hold"),
+            in_contact=held and (self._phase in IN_CONTACT or self._apart is not True),
             gripped=seen.arms is not None and seen.arms.gripped,
             needs_reset=self._latched(),
         )

@@ -14,7 +14,7 @@ from common.timing import NS_PER_S
 from follower.supervisor.attempt import MAX_PAUSES, MAX_REARMED, MAX_RETRIES, MAX_SEARCHES, REARMED_WITHIN_S
 from follower.supervisor.observed import Decided, Observed
 from follower.supervisor.sequence import DockingSequence
-from follower.supervisor.transitions import ACTIVE, ENDED
+from follower.supervisor.transitions import ACTIVE, ENDED, IN_CONTACT
 from tests.unit.test_supervisor import ARMS, DRIVES, LEADER, docking_state
 
 STEP_NS = NS_PER_S // 20
@@ -40,7 +40,8 @@ class DockingWalk:
         self.ended_epochs: set[int] = set()
         self.lock_word: set[int] = set()
         self.phases: set[str] = set()
-        self.latched = False
+        self.latched = self.touched = False
+        self.turned_ns = 0
         self.faults: dict[str, int] = {}
         self.asked: LockRequest | None = None
 
@@ -50,7 +51,7 @@ class DockingWalk:
         for answer in seen.lock_answers:
             if self.asked is not None and answer.id == self.asked.id and answer.outcome == "done":
                 self.lock_word.add(self.sequence.attempt.epoch)
-        was_latched = self.latched
+        was_latched, began = self.latched, self.sequence.phase
         decided = self.sequence.step(seen)
         if decided.lock_request is not None:
             self.asked = decided.lock_request
@@ -61,6 +62,10 @@ class DockingWalk:
             if request.action == "reset"
         ):
             was_latched = self.latched = False
+        if began in IN_CONTACT:
+            self.touched = True
+        elif self._is_apart(seen):
+            self.touched = False
         self._judge(seen, decided, was_latched)
         self.seen, self.before = seen, decided.mission
         return decided
@@ -124,6 +129,8 @@ class DockingWalk:
             "connected",
             "gripped",
             "released",
+            "rolls",
+            "lags",
         )
         if self.random.random() < 0.008:
             duration = self.random.choice((1, 2, 5, 20, 80, 300))
@@ -149,6 +156,10 @@ class DockingWalk:
         stuck = self.random.random() < 0.1
         self.pose = Pose2(self.pose.x_m - (0 if stuck else v / 20), self.pose.y_m, self.pose.theta_rad)
         base = self.config.base
+        if "rolls" in self.faults:
+            v += 0.05
+        if v or w:
+            self.turned_ns = self.seen.now_ns
         self.rolled[0] += (v - w * base.track_m / 2) / 20 / base.wheel_radius_m
         self.rolled[1] += (v + w * base.track_m / 2) / 20 / base.wheel_radius_m
         if mission.phase in ENDED and self.random.random() < 0.05:
@@ -161,6 +172,8 @@ class DockingWalk:
         armed = mission is not None and mission.armed
         state: Any = "armed" if armed else "disarmed"
         cause = ""
+        if "lags" in fault and armed:
+            state = "enabling"
         if "late" in fault:
             state, cause = "stopped", self.random.choice(("command_age", "token_age", "second_writer"))
         if "drives" in fault:
@@ -217,6 +230,9 @@ class DockingWalk:
         if mission.phase in ENDED:
             assert not mission.armed
             self.asked = None
+        if mission.armed and not (self.before is not None and self.before.armed):
+            # what was moved last was measured one step later
+            assert seen.now_ns - self.turned_ns - STEP_NS >= NS_PER_S // 5
         self._judge_epochs(mission)
         self._judge_motion(seen, mission)
         self._judge_grip(seen, mission, summary)
@@ -228,7 +244,7 @@ class DockingWalk:
         assert attempt.pauses <= MAX_PAUSES + 1
         if mission.phase == "aborted":
             assert cause_code(mission.cause) in CAUSES, mission.cause
-            held = attempt.contact_begin_m is not None
+            held = attempt.contact_begin_m is not None or self.touched
             assert mission.needs_reset == (held or needs_reset(mission.cause))
         if was_latched:
             assert mission.phase == "aborted"
@@ -282,7 +298,17 @@ class DockingWalk:
         if mission.push:
             assert mission.phase in ("insert", "push", "lock")
             assert mission.grip == "closed"
-        if mission.phase in ("insert", "push", "lock") and (seen.arms is None or not seen.arms.released):
+        touches = self.touched or mission.phase in ("insert", "push", "lock")
+        if touches and (seen.arms is None or not seen.arms.released):
             assert summary.in_contact
         if mission.motion != "hold" or seen.drives is None:
             assert summary.moving
+
+    def _is_apart(self, seen: Observed) -> bool:
+        """The trolley was let go, or is by sight and odometry well before where the next one goes."""
+        pose = self.sequence.attempt.reckoning.pose
+        if seen.arms is not None and seen.arms.released:
+            return True
+        if pose is None or seen.leader is None or seen.leader.queue is None:
+            return False
+        return pose.x_m > self.config.docking.goal(seen.leader.queue + 1).x_m + 0.3

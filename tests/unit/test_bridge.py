@@ -14,7 +14,7 @@ from common.node import Received
 from common.timing import NS_PER_MS, NS_PER_S
 from follower.can_bridge.bridge import Bridge, Heard
 from follower.can_bridge.gate import SignedCommand
-from follower.can_bridge.measurement import Measurement
+from follower.can_bridge.measurement import DriveSetpoint, Measurement
 from tests.unit.test_supervisor import Bench
 
 BOOT = "boot"
@@ -34,6 +34,9 @@ class Rig:
         self.now_ns = NS_PER_S
         self.power: list[str | None] = []
         self.commanded = self.arms_lag = False
+        self.v_m_s = 0.0
+        self.token_ns: int | None = None
+        self.setpoint = DriveSetpoint()
 
     def run(self, cycles: int = 1) -> str:
         for _ in range(cycles):
@@ -43,19 +46,21 @@ class Rig:
             heard = Heard(
                 self.now_ns,
                 self._command(),
-                Received(self.mission, header, self.now_ns),
+                Received(self.mission, replace(header, stamp_ns=self.token_ns or self.now_ns), self.now_ns),
                 Received(arms, header, self.now_ns),
             )
             self.measured = replace(self.measured, now_ns=self.now_ns, measured_ns=self.now_ns)
-            self.power.append(self.bridge.step(heard, self.measured).power)
+            orders = self.bridge.step(heard, self.measured)
+            self.power.append(orders.power)
+            self.setpoint = orders.setpoint
         return self.bridge.state
 
     def _command(self) -> SignedCommand | None:
-        """To stand, once it is ``commanded``."""
+        """To go at ``v_m_s``, once it is ``commanded``."""
         if not self.commanded:
             return None
         sequence, until_ns = self.now_ns // (10 * NS_PER_MS), self.now_ns + 100 * NS_PER_MS
-        told = Command(0.0, 0.0, self.mission.epoch, sequence, self.now_ns, until_ns, 1, self.now_ns)
+        told = Command(self.v_m_s, 0.0, self.mission.epoch, sequence, self.now_ns, until_ns, 1, self.now_ns)
         return SignedCommand(seal_command(told), 1, BOOT)
 
 
@@ -124,6 +129,32 @@ def test_arms_are_not_enabled_before_somebody_leads_them_under_the_new_epoch(rig
     assert rig.power[-1] == "enable"
     rig.measured = replace(rig.measured, arms_enabled=True)
     assert rig.run() == "armed"
+
+
+def test_wheels_that_are_still_in_operation_wait_for_the_arms(rig: Rig) -> None:
+    rig.mission = replace(rig.mission, armed=False)
+    rig.run(2)
+    rig.mission = replace(rig.mission, armed=True, epoch=rig.mission.epoch + 1, v_max_m_s=0.3)
+    rig.arms_lag, rig.commanded, rig.v_m_s = True, True, 0.2
+    rig.measured = replace(rig.measured, arms_enabled=False)
+    assert rig.run(30) == "enabling"
+    assert rig.setpoint.left_rad_s == rig.setpoint.right_rad_s == 0.0
+    rig.arms_lag = False
+    rig.measured = replace(rig.measured, arms_enabled=True)
+    assert rig.run(30) == "armed"
+    assert rig.setpoint.left_rad_s > 0.0
+
+
+def test_a_token_that_goes_old_before_the_drives_follow_ends_the_epoch(rig: Rig) -> None:
+    rig.mission = replace(rig.mission, epoch=rig.mission.epoch + 1)
+    rig.measured = replace(rig.measured, wheels_enabled=False)
+    assert rig.run(3) == "enabling"
+    rig.token_ns = rig.now_ns
+    assert rig.run(19) == "enabling"
+    assert rig.run(4) == "stopped"
+    assert rig.bridge.cause == "token_age"
+    rig.token_ns = None
+    assert rig.run(5) == "stopped"
 
 
 def test_a_restarted_bridge_refuses_the_epoch_that_it_finds_armed(config: Config, rig: Rig) -> None:

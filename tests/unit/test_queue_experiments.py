@@ -17,7 +17,7 @@ from experiments.incidents import End, is_right, report_agrees
 from experiments.queue_plots import draw_sequential
 from experiments.queue_run import Docking, plan, planned_config
 from experiments.scenarios import SCENARIOS, Job, world_changes
-from experiments.sequential import bound_m, image_bound, metrics_of, missed
+from experiments.sequential import bound_m, image_bound, metrics_of, missed, missed_means
 from follower.supervisor.transitions import ACTIVE
 from sim.scenes import SCENES
 from sim.world_config import world_config
@@ -145,6 +145,15 @@ def test_a_queue_misses_what_is_not_locked_not_within_its_bound_or_never_begun(c
         "trial 1, trolley 3: not begun",
         "trial 1, trolley 4: not begun",
     ]
+
+
+def test_a_mean_beyond_its_limit_is_missed_the_first_trolleys_sooner() -> None:
+    queues = [[docked(1, 0.5), docked(2, 1.4)], [docked(1, 0.7), docked(2, 1.5)]]
+    assert missed_means(queues) == ["trolley 1: mean e_y_cm 0.60, more than 0.5"]
+    queues[1][1] = docked(2, 1.8)
+    queues[0][0] = docked(1, 0.1)
+    assert missed_means(queues) == ["trolley 2: mean e_y_cm 1.60, more than 1.5"]
+    assert missed_means([[Docking(1, "aborted", "slip")]])[0].startswith("trolley 1: mean e_y_cm nan")
 
 
 def test_only_a_report_that_tells_the_same_end_agrees() -> None:

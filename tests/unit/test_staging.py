@@ -92,6 +92,16 @@ def test_beyond_the_staging_pose_it_stands_where_it_is(yard: Yard) -> None:
     assert yard.x_m == 5.0
 
 
+def test_a_wrong_number_does_not_send_it_across_the_hall(yard: Yard) -> None:
+    yard.seen = replace(yard.seen, leader=replace(LOCKED, queue=21))
+    assert yard.ask("start", trolley=22).outcome == "accepted"
+    assert yard.live(1.0) == "aborted"
+    assert yard.mission is not None
+    assert yard.mission.cause.startswith("staging_timeout: 7.6 m back, more than 2.")
+    assert yard.mission.cause.endswith("is it trolley 22?")
+    assert yard.driven_m == 0.0
+
+
 def test_the_way_back_needs_no_leds(yard: Yard, config: Config) -> None:
     yard.ask("start", trolley=2)
     yard.live(2.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -21,6 +22,7 @@ from follower.supervisor.few_leds import settled_sigma_m
 from follower.supervisor.node import SupervisorNode
 from follower.supervisor.observed import Decided, Observed
 from follower.supervisor.sequence import DockingSequence
+from follower.supervisor.standstill import Standstill
 from tests.unit.canbus_rig import CONFIG_PATH, stepped_config
 
 STEP_NS = NS_PER_S // 20
@@ -107,6 +109,7 @@ class Bench:
         return replace(self.seen.drives, wheel_angle_rad=(angle, angle))
 
     def to_approach(self) -> None:
+        self.run(0.2)  # it stood before
         assert self.ask("start").outcome == "accepted"
         assert self.run(0.7) == "approach"
 
@@ -232,6 +235,22 @@ def test_a_search_that_finds_the_leds_goes_on(bench: Bench, config: Config) -> N
     assert bench.mission.motion == "hold"
     assert bench.run(1.0) == "approach"
     assert bench.mission.epoch == epoch
+
+
+def test_a_search_arms_at_standstill_only(bench: Bench, config: Config) -> None:
+    bench.run(0.2, state=docking_state(config, Pose2(5.0, 0.0, 0.0), valid=False))
+    assert bench.ask("start").outcome == "accepted"
+    while bench.sequence.phase == "acquire":
+        bench.step()
+    assert bench.sequence.phase == "search"
+    for _ in range(20):
+        bench.rolled_m += 0.005
+        bench.step(drives=bench.roll(0.0))
+        assert bench.mission is not None
+        assert not bench.mission.armed
+    bench.run(1.0)
+    assert bench.mission is not None
+    assert bench.mission.armed
 
 
 def test_near_the_queue_nothing_is_searched(bench: Bench, config: Config) -> None:
@@ -444,12 +463,37 @@ def test_nothing_is_armed_anew_while_the_robot_still_rolls(bench: Bench) -> None
     bench.to_approach()
     drives = bench.seen.drives
     assert drives is not None
-    bench.step(drives=replace(drives, state="stopped", cause="status_age", wheel_speed_rad_s=(2.0, 2.0)))
-    drives = replace(drives, state="disarmed", wheel_speed_rad_s=(2.0, 2.0))
-    assert bench.run(2.0, drives=drives) == "acquire"
-    assert bench.mission is not None
-    assert (bench.mission.armed, bench.mission.waiting) == (False, "standstill")
-    assert bench.run(0.7, drives=replace(drives, wheel_speed_rad_s=(0.0, 0.0))) == "approach"
+    bench.step(drives=replace(drives, state="stopped", cause="status_age"))
+    for _ in range(40):
+        bench.rolled_m += 0.005
+        bench.step(drives=replace(bench.roll(0.0), state="disarmed"))
+        assert bench.mission is not None
+        assert (bench.sequence.phase, bench.mission.armed) == ("acquire", False)
+        assert bench.mission.waiting == "standstill"
+    assert bench.run(0.9) == "approach"
+
+
+def test_wheels_whose_speed_reads_noise_at_rest_stand(bench: Bench) -> None:
+    noise = random.Random(1)
+    bench.run(0.2)
+    assert bench.ask("start").outcome == "accepted"
+    for _ in range(15):
+        drives = bench.seen.drives
+        assert drives is not None
+        bench.step(drives=replace(drives, wheel_speed_rad_s=(noise.gauss(0.0, 0.2), noise.gauss(0.0, 0.2))))
+    assert bench.sequence.phase == "approach"
+
+
+@pytest.mark.parametrize("hundredths_s", [18, 19, 20, 21, 500])
+def test_it_stands_once_it_has_stood_for_a_fifth_of_a_second(config: Config, hundredths_s: int) -> None:
+    standstill = Standstill(config.base)
+    for n in range(hundredths_s + 1):
+        standstill.step(replace(DRIVES, measured_ns=n * NS_PER_S // 100, wheel_angle_rad=(3.0, 3.0 + n * 1e-5)))
+    assert standstill.holds == (hundredths_s >= 20)
+    standstill.step(replace(DRIVES, measured_ns=6 * NS_PER_S, wheel_angle_rad=(3.1, 3.0)))
+    assert not standstill.holds
+    standstill.step(None)
+    assert not standstill.holds
 
 
 def test_who_is_late_now_and_then_only_does_not_end_the_docking(bench: Bench) -> None:
@@ -515,6 +559,34 @@ def test_what_ends_in_contact_waits_for_a_person(bench: Bench) -> None:
     assert "reset first" in bench.ask("start").reason
     assert bench.ask("reset").outcome == "done"
     assert bench.ask("start").outcome == "accepted"
+
+
+def test_what_touches_the_queue_does_so_over_a_reset_until_it_is_let_go(bench: Bench) -> None:
+    bench.to_push()
+    near = docking_state(bench.config, Pose2(bench.config.docking.goal(1).x_m - 0.06, 0.0, 0.0))
+    bench.step(state=near)
+    assert bench.ask("abort").outcome == "done"
+    assert bench.ask("reset").outcome == "done"
+    assert bench.step().summary.in_contact
+    assert bench.ask("start").outcome == "accepted"
+    assert bench.step().summary.in_contact
+    assert bench.ask("abort").outcome == "done"
+    assert bench.mission is not None
+    assert bench.mission.needs_reset
+    assert bench.ask("reset").outcome == "done"
+    assert not bench.step(arms=replace(ARMS, gripped=False, released=True)).summary.in_contact
+    # and what is gripped anew was not there before
+    assert not bench.step(arms=ARMS).summary.in_contact
+
+
+def test_after_a_start_a_gripped_trolley_may_touch_the_queue_until_it_is_seen_clear_of_it(config: Config) -> None:
+    bench = Bench(config)
+    far, near = (docking_state(config, Pose2(config.docking.goal(2).x_m + away, 0.0, 0.0)) for away in (1.0, 0.1))
+    queue_of_one = replace(LEADER, lock="locked", queue=1)
+    assert bench.step(state=near, leader=queue_of_one).summary.in_contact
+    assert bench.step(state=far, leader=None).summary.in_contact
+    assert bench.step(leader=replace(queue_of_one, queue=None)).summary.in_contact
+    assert not bench.step(leader=queue_of_one).summary.in_contact
 
 
 def test_silent_drives_abort(bench: Bench) -> None:
