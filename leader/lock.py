@@ -37,7 +37,10 @@ def interlock(follower: FollowerSummary | None) -> str:
     if follower.moving:
         return f"the Follower moves (phase {follower.phase})"
     if follower.in_contact:
-        return f"the Follower holds a trolley against the queue, or does not know better (phase {follower.phase})"
+        return (
+            f"the Follower holds a trolley against the queue, or does not know better (phase {follower.phase}): "
+            "let go there first, davpc grip open"
+        )
     return ""
 
 

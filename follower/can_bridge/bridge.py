@@ -60,7 +60,7 @@ class Bridge:
         self._still_since_ns: int | None = None
         self._uncommanded_since_ns = 0
         self._last_intervention: tuple[str, ...] = ()
-        self._was_armed = self._was_stalled = False
+        self._was_enabled = self._was_stalled = False
         self._resets: int | None = None
         self.state: State = "starting"
         self.cause = ""
@@ -142,7 +142,6 @@ class Bridge:
         elif measured.wheels_enabled and measured.arms_enabled:
             if self.state != "armed":
                 self._uncommanded_since_ns = heard.now_ns
-            self._was_armed = True
             self.state, self.cause = "armed", ""
             reason = self._reason(heard.now_ns, decision.rule, arms.rule)
             if reason:
@@ -169,8 +168,9 @@ class Bridge:
         if self.state in ("enabling", "armed") and not measured.stalled:
             self._still_since_ns = None
             if not arm_rule:
+                self._was_enabled = True
                 return "enable"
-            return "stop_arms" if self._was_armed else None
+            return "stop_arms" if self._was_enabled else None
         v, _ = twist_from_wheels(self._config.base, measured.wheel_speed_rad_s)
         if abs(v) > _STANDSTILL_M_S:
             self._still_since_ns = None
@@ -178,7 +178,7 @@ class Bridge:
             self._still_since_ns = now_ns
         if self._still_since_ns is not None and now_ns - self._still_since_ns >= _DISABLE_NS:
             return "disable"
-        return "stop_arms" if self._was_armed else None
+        return "stop_arms" if self._was_enabled else None
 
     def _setpoint(self, measured: Measurement, decision: Decision, arms: ArmDecision) -> DriveSetpoint:
         left, right = wheels_from_twist(self._config.base, decision.v_m_s, decision.w_rad_s)

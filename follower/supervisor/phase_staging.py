@@ -70,7 +70,7 @@ class Staging(PhaseLogic):
             return failed(f"staging_timeout: {lacking}") if self.elapsed_s(seen) > _CHECK_TIMEOUT_S else wait
         docking = attempt.config.docking
         self._back_m = docking.staging_distance_m - to_goal_m
-        farthest_m = docking.staging_distance_m + docking.trolley_pitch_m
+        farthest_m = docking.staging_distance_m + docking.trolley_pitch_m + self.limits.push_limit_m
         if self._back_m > farthest_m:
             # nothing looks backwards: a wrong number must not send it across the hall
             far = f"{self._back_m:.1f} m back, more than {farthest_m:.1f} m: is it trolley {attempt.trolley}?"

@@ -81,6 +81,7 @@ class DockingSequence:
         self._standstill = Standstill(config.base)
         self._attempt = Attempt(config, 1, run_id, None, self._reckoning, self._standstill)
         self._apart: bool | None = None
+        self._touched = 0
 
     @property
     def phase(self) -> Phase:
@@ -107,7 +108,7 @@ class DockingSequence:
         """Follow the Leader by odometry, and by sight while that is where it must be."""
         elapsed_ns = 0 if self._before_ns is None else seen.now_ns - self._before_ns
         self._before_ns = seen.now_ns
-        self._standstill.step(seen.drives)
+        self._standstill.step(seen.now_ns, seen.drives)
         if seen.drives is not None:
             self._drives_silent_ns = 0
             self._reckoning.drive(seen.drives)
@@ -118,20 +119,24 @@ class DockingSequence:
             self._reckoning.seen(state)
 
     def _touch(self, seen: Observed) -> None:
-        """Whether the trolley in the grippers is apart from guide and queue; None: nothing told since the start.
+        """Whether the trolley in the grippers is apart from guide and queue; None: nobody knows.
 
         What was in contact stays so over a reset and a new docking, until it is let go or seen clear of the queue.
         """
         if self._phase in IN_CONTACT:
-            self._apart = False
-        elif (seen.arms is not None and seen.arms.released) or self._clear_of_queue(seen):
-            self._apart = True
+            self._apart, self._touched = False, self._attempt.trolley
+        elif self._clear_of_queue(seen):
+            self._apart, self._touched = True, 0
+        elif seen.arms is not None and seen.arms.released:
+            self._apart = None
 
     def _clear_of_queue(self, seen: Observed) -> bool:
+        """By sight and odometry; the queue is as long as the Leader counts, or as what was touched last."""
         pose, leader = self._reckoning.pose, seen.leader
         if pose is None or leader is None or leader.queue is None:
             return False
-        return pose.x_m - self._config.docking.goal(leader.queue + 1).x_m > _CLEAR_M
+        next_one = max(leader.queue + 1, self._touched)
+        return pose.x_m - self._config.docking.goal(next_one).x_m > _CLEAR_M
 
     def _orders(self, seen: Observed) -> Orders:
         """What the phase wants; a phase that ends hands over to the next at once."""
@@ -266,6 +271,7 @@ class DockingSequence:
     def _summary(self, seen: Observed, orders: Orders) -> FollowerSummary:
         """Careful: what is not known counts as moving, and as in contact."""
         attempt = self._attempt
+        still = seen.drives is not None and self._standstill.holds
         held = seen.arms is None or not seen.arms.released
         return FollowerSummary(
             phase=self._phase,
@@ -273,7 +279,7 @@ class DockingSequence:
             waiting=orders.waiting[:400],
             trolley=attempt.trolley,
             armed=attempt.armed,
-            moving=not self._standstill.holds or (attempt.armed and orders.motion != "hold"),
+            moving=not still or (attempt.armed and orders.motion != "hold"),
             in_contact=held and (self._phase in IN_CONTACT or self._apart is not True),
             gripped=seen.arms is not None and seen.arms.gripped,
             needs_reset=self._latched(),

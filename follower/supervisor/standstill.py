@@ -11,24 +11,24 @@ from common.timing import NS_PER_S
 
 STANDSTILL_M_S, STANDSTILL_RAD_S = 0.005, 0.02
 _WINDOW_NS = NS_PER_S // 5
+_NEWEST_NS = NS_PER_S // 10
 
 
 class Standstill:
     """By the wheels' angles over the last 0.2 s: what a drive reads as its speed at rest may be mere noise.
 
-    Wheels that are not heard count as turning.
+    Wheels that were not measured for 0.1 s count as turning.
     """
 
     def __init__(self, base: BaseConfig) -> None:
         self._base = base
         self._seen: deque[tuple[int, tuple[float, float]]] = deque()
+        self._now_ns = 0
 
-    def step(self, drives: Drives | None) -> None:
-        """Take the newest measurement; None: the drives are not heard."""
-        seen = self._seen
-        if drives is None:
-            seen.clear()
-        elif not seen or drives.measured_ns > seen[-1][0]:
+    def step(self, now_ns: int, drives: Drives | None) -> None:
+        """Take the newest measurement; None: the drives are not heard now."""
+        seen, self._now_ns = self._seen, now_ns
+        if drives is not None and (not seen or drives.measured_ns > seen[-1][0]):
             seen.append((drives.measured_ns, drives.wheel_angle_rad))
             while seen[-1][0] - seen[0][0] > _WINDOW_NS and seen[-1][0] - seen[1][0] >= _WINDOW_NS:
                 seen.popleft()
@@ -37,7 +37,7 @@ class Standstill:
     def holds(self) -> bool:
         """Whether it stood all that time."""
         seen = self._seen
-        if not seen or seen[-1][0] - seen[0][0] < _WINDOW_NS:
+        if not seen or self._now_ns - seen[-1][0] > _NEWEST_NS or seen[-1][0] - seen[0][0] < _WINDOW_NS:
             return False
         newest, window_s = seen[-1][1], _WINDOW_NS / NS_PER_S
         for _, angles in seen:

@@ -145,6 +145,18 @@ def test_wheels_that_are_still_in_operation_wait_for_the_arms(rig: Rig) -> None:
     assert rig.setpoint.left_rad_s > 0.0
 
 
+def test_a_first_enabling_that_is_broken_off_leaves_the_arms_holding(config: Config, rig: Rig) -> None:
+    fresh = Rig(config, replace(rig.mission, armed=False))
+    assert fresh.run(2) == "disarmed"
+    fresh.mission = rig.mission
+    fresh.measured = replace(fresh.measured, wheels_enabled=False, arms_enabled=False)
+    assert fresh.run(2) == "enabling"
+    assert fresh.power[-1] == "enable"
+    fresh.token_ns = fresh.now_ns - NS_PER_S
+    assert fresh.run(2) == "stopped"
+    assert fresh.power[-1] == "stop_arms"
+
+
 def test_a_token_that_goes_old_before_the_drives_follow_ends_the_epoch(rig: Rig) -> None:
     rig.mission = replace(rig.mission, epoch=rig.mission.epoch + 1)
     rig.measured = replace(rig.measured, wheels_enabled=False)

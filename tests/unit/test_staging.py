@@ -102,6 +102,14 @@ def test_a_wrong_number_does_not_send_it_across_the_hall(yard: Yard) -> None:
     assert yard.driven_m == 0.0
 
 
+def test_the_way_back_from_a_docking_that_ended_before_it_backed_away_is_not_too_far(yard: Yard) -> None:
+    yard.x_m = yard.config.docking.goal(1).x_m - 0.17
+    yard.live(0.5)
+    assert yard.ask("start", trolley=2).outcome == "accepted"
+    assert yard.live(5.0) == "staging"
+    assert yard.driven_m < 0.0
+
+
 def test_the_way_back_needs_no_leds(yard: Yard, config: Config) -> None:
     yard.ask("start", trolley=2)
     yard.live(2.0)

@@ -488,11 +488,24 @@ def test_wheels_whose_speed_reads_noise_at_rest_stand(bench: Bench) -> None:
 def test_it_stands_once_it_has_stood_for_a_fifth_of_a_second(config: Config, hundredths_s: int) -> None:
     standstill = Standstill(config.base)
     for n in range(hundredths_s + 1):
-        standstill.step(replace(DRIVES, measured_ns=n * NS_PER_S // 100, wheel_angle_rad=(3.0, 3.0 + n * 1e-5)))
+        now_ns = n * NS_PER_S // 100
+        standstill.step(now_ns, replace(DRIVES, measured_ns=now_ns, wheel_angle_rad=(3.0, 3.0 + n * 1e-5)))
     assert standstill.holds == (hundredths_s >= 20)
-    standstill.step(replace(DRIVES, measured_ns=6 * NS_PER_S, wheel_angle_rad=(3.1, 3.0)))
+
+
+def test_it_stands_over_a_step_that_is_not_heard_not_over_a_measurement_that_stays(config: Config) -> None:
+    standstill = Standstill(config.base)
+    for n in range(0, 300, 50):
+        heard = replace(DRIVES, measured_ns=n * NS_PER_S // 1000, wheel_angle_rad=(3.0, 3.0))
+        standstill.step(n * NS_PER_S // 1000, heard if n % 100 == 50 else None)
+    assert standstill.holds
+    standstill.step(350 * NS_PER_S // 1000, heard)
+    assert standstill.holds
+    standstill.step(351 * NS_PER_S // 1000, heard)
     assert not standstill.holds
-    standstill.step(None)
+    for n, turned_rad in ((355, 0.0), (360, 0.1), (365, 0.0)):
+        now_ns = n * NS_PER_S // 1000
+        standstill.step(now_ns, replace(DRIVES, measured_ns=now_ns, wheel_angle_rad=(3.0 + turned_rad, 3.0)))
     assert not standstill.holds
 
 
@@ -575,8 +588,22 @@ def test_what_touches_the_queue_does_so_over_a_reset_until_it_is_let_go(bench: B
     assert bench.mission.needs_reset
     assert bench.ask("reset").outcome == "done"
     assert not bench.step(arms=replace(ARMS, gripped=False, released=True)).summary.in_contact
-    # and what is gripped anew was not there before
-    assert not bench.step(arms=ARMS).summary.in_contact
+    # taken again where it stood
+    assert bench.step(arms=ARMS).summary.in_contact
+
+
+def test_a_count_that_is_too_low_does_not_end_contact(bench: Bench) -> None:
+    goal_m = bench.config.docking.goal(5).x_m
+    away = docking_state(bench.config, Pose2(goal_m + 2.0, 0.0, 0.0))
+    bench.run(0.2, state=away, leader=replace(LEADER, lock="locked", queue=4))
+    assert bench.ask("start", trolley=5).outcome == "accepted"
+    assert bench.run(0.7) == "approach"
+    there = Pose2(goal_m, 0.0, 0.0)
+    assert bench.run(bench.config.docking.settle_s + 0.2, **bench.there(there)) == "insert"
+    bench.step()
+    assert bench.ask("abort").outcome == "done"
+    assert bench.step(leader=replace(LEADER, lock="locked", queue=1)).summary.in_contact
+    assert not bench.step(state=away, drives=bench.roll(-2.0)).summary.in_contact
 
 
 def test_after_a_start_a_gripped_trolley_may_touch_the_queue_until_it_is_seen_clear_of_it(config: Config) -> None:
