@@ -87,26 +87,28 @@ class ContactSense:
 
 
 class CollisionSense:
-    """A joint torque over its limit for 2 samples 10 ms apart, or one that grows too fast: SAFETY.md, row 39."""
+    """A joint torque over its limit, or one that grows too fast, for 2 samples 10 ms apart: SAFETY.md, row 39.
+
+    For one sample it also grows too fast where a command of the base turns casters that swing round under a load.
+    """
 
     def __init__(self, config: ArmsConfig) -> None:
         self._config = config
         self._over_s: float | None = None
+        self._fast_s: float | None = None
         self._recent: deque[tuple[float, tuple[float, ...]]] = deque()
 
     def step(self, torques_n_m: tuple[float, ...], dt_s: float) -> bool:
         """Take one sample of the six joint torques, ``dt_s`` after the one before."""
         config = self._config
-        if max(map(abs, torques_n_m)) > config.collision_torque_n_m:
-            self._over_s = 0.0 if self._over_s is None else self._over_s + dt_s
-        else:
-            self._over_s = None
-        spiked = self._over_s is not None and self._over_s >= _SPIKE_S
-        return self._rate(torques_n_m, dt_s) > config.collision_rate_n_m_s or spiked
+        over = max(map(abs, torques_n_m)) > config.collision_torque_n_m
+        fast = self._rate(torques_n_m, dt_s) > config.collision_rate_n_m_s
+        self._over_s, self._fast_s = _lasting(self._over_s, over, dt_s), _lasting(self._fast_s, fast, dt_s)
+        return any(lasted_s is not None and lasted_s >= _SPIKE_S for lasted_s in (self._over_s, self._fast_s))
 
     def forget(self) -> None:
         """What was sampled before does not count."""
-        self._over_s = None
+        self._over_s = self._fast_s = None
         self._recent.clear()
 
     def _rate(self, torques_n_m: tuple[float, ...], dt_s: float) -> float:
@@ -153,6 +155,13 @@ class SlipSense:
         """The grippers hold anew, or no longer."""
         self._held_s, self._angles, self._weak_s = 0.0, None, 0.0
         self.suspected = False
+
+
+def _lasting(lasted_s: float | None, holds: bool, dt_s: float) -> float | None:
+    """For how long it has held since the first sample at which it did; None if it does not."""
+    if not holds:
+        return None
+    return 0.0 if lasted_s is None else lasted_s + dt_s
 
 
 def first_cause(slipped: bool, collided: bool) -> ArmCause:

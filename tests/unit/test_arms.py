@@ -300,8 +300,12 @@ def test_a_collision_is_two_samples_over_the_limit_or_a_fast_rise(config: Config
     assert one.step((0.0, limit + 0.1, *[0.0] * 4), DT_S)
     two = CollisionSense(config.arms)
     assert not any(two.step((0.0,) * 6, DT_S) for _ in range(10))
-    rising = [two.step((*[0.0] * 5, -1.5 * rate * DT_S * i), DT_S) for i in range(1, 4)]
-    assert rising[-1]
+    rising = [two.step((*[0.0] * 5, -1.5 * rate * DT_S * i), DT_S) for i in range(1, 5)]
+    assert rising == [False, False, False, True]
+    # as when casters swing round
+    assert not any(two.step((*[0.0] * 5, -6.0 * rate * DT_S), DT_S) for _ in range(9))
+    once = [6.0, 8.5, 8.5, 11.5, 11.5, 11.5, 11.5]
+    assert not any(two.step((*[0.0] * 5, -share * rate * DT_S), DT_S) for share in once)
     two.forget()
     assert not two.step((*[0.0] * 5, 0.9 * limit), DT_S)
 
