@@ -9,7 +9,7 @@ from common.kinematics import path_from_wheels
 from common.messages import Drives
 from common.timing import NS_PER_S
 
-STANDSTILL_M_S, STANDSTILL_RAD_S = 0.005, 0.02
+_STANDSTILL_M_S, _STANDSTILL_RAD_S = 0.005, 0.02
 _WINDOW_NS = NS_PER_S // 5
 _NEWEST_NS = NS_PER_S // 10
 
@@ -42,6 +42,6 @@ class Standstill:
         newest, window_s = seen[-1][1], _WINDOW_NS / NS_PER_S
         for _, angles in seen:
             way_m, turn_rad = path_from_wheels(self._base, (newest[0] - angles[0], newest[1] - angles[1]))
-            if abs(way_m) > STANDSTILL_M_S * window_s or abs(turn_rad) > STANDSTILL_RAD_S * window_s:
+            if abs(way_m) > _STANDSTILL_M_S * window_s or abs(turn_rad) > _STANDSTILL_RAD_S * window_s:
                 return False
         return True
