@@ -170,14 +170,14 @@ class Bridge:
             if not arm_rule:
                 self._was_enabled = True
                 return "enable"
-            return "stop_arms" if self._was_enabled else None
-        v, _ = twist_from_wheels(self._config.base, measured.wheel_speed_rad_s)
-        if abs(v) > _STANDSTILL_M_S:
-            self._still_since_ns = None
-        elif self._still_since_ns is None:
-            self._still_since_ns = now_ns
-        if self._still_since_ns is not None and now_ns - self._still_since_ns >= _DISABLE_NS:
-            return "disable"
+        else:
+            v, _ = twist_from_wheels(self._config.base, measured.wheel_speed_rad_s)
+            if abs(v) > _STANDSTILL_M_S:
+                self._still_since_ns = None
+            elif self._still_since_ns is None:
+                self._still_since_ns = now_ns
+            if self._still_since_ns is not None and now_ns - self._still_since_ns >= _DISABLE_NS:
+                return "disable"
         return "stop_arms" if self._was_enabled else None
 
     def _setpoint(self, measured: Measurement, decision: Decision, arms: ArmDecision) -> DriveSetpoint:
