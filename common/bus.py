@@ -17,7 +17,8 @@ from typing import Any
 import zenoh
 
 from common.channels import LIVE_KEYS, Channel, live_key
-from common.config import DEFAULT_NAMESPACE, ConfigError
+from common.config import DEFAULT_NAMESPACE
+from common.errors import ConfigError
 
 OnPayload = Callable[[bytes], None]
 OnRequest = Callable[[bytes, Callable[[bytes], None]], None]
@@ -33,7 +34,7 @@ class Bus:
         runtime: private directory (mode 0700) of the sockets of all processes.
         peers: names of the processes to connect to.
         namespace: the pair's, put before every key on the wire, so that several pairs can share a network.
-        settings: Zenoh's, instead of those of a peer in the mesh: the gateway's, see :mod:`common.gateway`.
+        settings: Zenoh's, instead of those of a peer in the mesh: the gateway's, see :mod:`gateway.node`.
 
     Raises:
         ConfigError: a path too long, a process of this name that runs already, an address that cannot be used.

@@ -12,16 +12,13 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from common.errors import ConfigError
 from common.geometry import Array, Pinhole, Pose2, features_at, mirror_deviation_m
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Pair = tuple[float, float]
 Xyz = tuple[float, float, float]
-
-
-class ConfigError(Exception):
-    """A configuration that cannot be used; the text is one line that names the file and the key."""
 
 
 class Section(BaseModel):

@@ -18,10 +18,11 @@ from typing import Any
 
 from common.bus import Bus
 from common.channels import Channel, health_channel
-from common.config import ConfigError, load_config
+from common.config import load_config
+from common.errors import ConfigError, DeviceError
 from common.memory import lock_memory
 from common.messages import Answer, Health, Message, MessageError, decode
-from common.node import DeviceError, Inbox, Node, NodeContext, Outbox, RequestDesk
+from common.node import Inbox, Node, NodeContext, Outbox, RequestDesk
 from common.processes import PROCESSES, Process, process
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, Schedule
 

@@ -8,7 +8,7 @@ from importlib.metadata import entry_points
 from typing import Any, Protocol
 
 from common.channels import Channel
-from common.config import ConfigError
+from common.errors import ConfigError
 from common.frame_ring import Image
 from common.node import Inbox, NodeContext, Trigger
 

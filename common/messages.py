@@ -329,7 +329,7 @@ class LeaderState:
 class GatewayState:
     """A robot's gateway: whether it hears the other robot's, and for how long its certificate is still good.
 
-    ``rules`` is the digest of the access rules that it works by: see :func:`common.network_access.rules_digest`.
+    ``rules`` is the digest of the access rules that it works by: see :func:`gateway.access.rules_digest`.
     """
 
     SCHEMA: ClassVar[str] = "gateway_state/2"

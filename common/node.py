@@ -201,10 +201,6 @@ class Node(ABC):
         return ()
 
 
-class DeviceError(Exception):
-    """A device that is missing, refuses or fell silent; one line that names it and what to do."""
-
-
 class Outbox:
     """Gives a process's messages their headers: source, run, sequence per channel, stamp."""
 

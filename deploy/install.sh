@@ -28,7 +28,7 @@ HEALTHY_S=5        # so long every process must run without a restart
 HEALTH_WAIT_S=40   # within this
 BORROWED=davpc-packages.pth
 VENDOR=/usr/local/lib/davpc # Python modules of device vendors, put there by hand
-PACKAGED=(common follower leader sim station experiments deploy docs pyproject.toml README.md LICENSE)
+PACKAGED=(common follower gateway leader sim station experiments deploy docs pyproject.toml README.md LICENSE)
 
 dry_run="" wheels="" variant=hardware start="" restart="" purge="" changed=0 last_but_one=""
 

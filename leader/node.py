@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
-from common.background import BackgroundWriter, state_directory
-from common.canopen_bus import BusLostError
-from common.canopen_io import LeaderInputs, LeaderIo
+from common.canopen.bus import BusLostError
 from common.channels import FOLLOWER_SUMMARY, LEADER_STATE, LED_REQUEST, LOCK_REQUEST
+from common.errors import DeviceError
+from common.file_writer import BackgroundWriter, state_directory
 from common.messages import Answer, LeaderState
-from common.node import DeviceError, Inbox, Node, NodeContext, Output, Trigger
+from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
+from leader.io_module import LeaderInputs, LeaderIo
 from leader.queue_file import QUEUE_FILE, content, read
 from leader.sequence import IoInputs, LeaderSequence
 

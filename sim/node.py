@@ -6,14 +6,15 @@ import socket
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 
-from common.config import BusConfig, ConfigError
-from common.node import DeviceError, Inbox, Node, NodeContext, Output, Trigger
+from common.config import BusConfig
+from common.errors import ConfigError, DeviceError
+from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
-from sim.can_bus import SimulatedBus
-from sim.can_nodes import FollowerBus, LeaderBus
-from sim.can_server import CanServer
-from sim.plant import Plant
-from sim.stepped_bus import SteppedChannel
+from sim.can.bus import SimulatedBus
+from sim.can.nodes import FollowerBus, LeaderBus
+from sim.can.server import CanServer
+from sim.can.stepped_bus import SteppedChannel
+from sim.physics.plant import Plant
 from sim.world_config import world_config
 from sim.world_message import WORLD, WorldState
 

@@ -7,9 +7,10 @@ from typing import Annotated
 
 from pydantic import Field, field_validator, model_validator
 
-from common.config import Config, ConfigError, NonNegative, Positive, Section, validate
+from common.config import Config, NonNegative, Positive, Section, validate
+from common.errors import ConfigError
 from common.geometry import Pose2, pose_from_paper_start
-from sim.scenes import named_scene
+from sim.optics.scenes import named_scene
 
 _LEADER_HALF_WIDTH_M = 0.5
 _FARTHEST_M = 100.0

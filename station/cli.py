@@ -10,24 +10,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from common.config import ConfigError, default_config_path
-from common.node import DeviceError
+from common.config import default_config_path
+from common.errors import ConfigError, DeviceError
 from common.processes import ONE_MACHINE, PROCESSES, process
-from station import (
-    cli_calibrate,
-    cli_camera,
-    cli_can,
-    cli_dock,
-    cli_doctor,
-    cli_experiment,
-    cli_leader,
-    cli_manual,
-    cli_network,
-)
-from station.cli_options import ConfigOption, SetOption, numbers
+from station import experiment as cli_experiment
+from station.calibrate import cli as cli_calibrate
+from station.calibrate import cli_camera
+from station.commission import cli_can, cli_network
+from station.doctor import cli as cli_doctor
+from station.operate import cli_dock, cli_leader, cli_manual
+from station.options import ConfigOption, SetOption, numbers
 
 if TYPE_CHECKING:
-    from station.record import DockingRecord
+    from station.simulate.record import DockingRecord
 
 EXIT_NOT_DOCKED = 1
 EXIT_CONFIG = 2
@@ -74,11 +69,11 @@ def sim(
     """Dock one trolley, or a queue, with both robots, simulated. `davpc sim --trolleys 8`"""
     from rich.console import Console
 
-    from station import report
-    from station.launcher.processes import run_attached, run_processes
-    from station.launcher.run import Run
-    from station.launcher.stepped import run_stepped
-    from station.progress import live_progress
+    from station.simulate import report
+    from station.simulate.processes import run_attached, run_processes
+    from station.simulate.progress import live_progress
+    from station.simulate.run import Run
+    from station.simulate.stepped import run_stepped
 
     draw = _drawing(required=attach is None)
     console = Console(force_terminal=False if headless else None, highlight=False)
@@ -121,7 +116,7 @@ def sim(
 def _drawing(required: bool) -> Callable[[Sequence[DockingRecord], Path], list[Path]]:
     """What draws the pictures; nothing does, unless required, where matplotlib is not installed: on a robot."""
     try:
-        from station import figures
+        from station.simulate import figures
     except ModuleNotFoundError as error:
         if required:
             raise ConfigError(f"davpc sim draws pictures with {error.name}: pip install 'davpc[plot]'") from error

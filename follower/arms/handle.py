@@ -9,9 +9,9 @@ from common.geometry import Pose2
 from common.kinematics import twist_from_wheels
 from common.messages import ArmCause, ArmSetpoint, ArmState, Drives, Mission
 from common.timing import NS_PER_S
+from follower.arms.contact_detection import CollisionSense, ContactSense, SlipSense, first_cause
 from follower.arms.grasp import GraspSequence
 from follower.arms.impedance import HandleImpedance, Posture, PostureSense, handle_force
-from follower.arms.touch import CollisionSense, ContactSense, SlipSense, first_cause
 
 _NOMINAL_STEP_S = 0.01
 _LONGEST_STEP_S = 0.05

@@ -8,7 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from common.config import ArmsConfig, ConfigError
+from common.config import ArmsConfig
+from common.errors import ConfigError
 from common.geometry import Array, Pose2, wrap_angle
 
 Side = Literal["left", "right"]

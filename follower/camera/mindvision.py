@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from common.channels import Channel
+from common.errors import DeviceError
 from common.frame_ring import Image
 from common.frame_source import Capture
-from common.node import DeviceError, Inbox, NodeContext, Trigger
+from common.node import Inbox, NodeContext, Trigger
 from common.timing import NS_PER_MS
 
 _ALIGNMENT = 16

@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 
 from common.channels import Channel
+from common.errors import DeviceError
 from common.frame_ring import Image
 from common.frame_source import Capture
-from common.node import DeviceError, Inbox, NodeContext, Trigger
+from common.node import Inbox, NodeContext, Trigger
 from common.timing import NS_PER_S
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")

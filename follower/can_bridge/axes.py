@@ -7,9 +7,7 @@ import struct
 from dataclasses import dataclass, field
 from typing import Literal
 
-from common.canopen_frames import RPDO, CanFrame, Emergency
-from common.canopen_node import CanopenNode, MappedObject
-from common.cia402 import (
+from common.canopen.cia402 import (
     CHANGE_AT_ONCE,
     NEW_SETPOINT,
     START_HOMING,
@@ -21,8 +19,10 @@ from common.cia402 import (
     controlword,
     decode_statusword,
 )
+from common.canopen.frames import RPDO, CanFrame, Emergency
+from common.canopen.node import CanopenNode, MappedObject
 from common.config import DriveConfig
-from common.node import DeviceError
+from common.errors import DeviceError
 
 Group = Literal["wheels", "arms"]
 Parameter = tuple[int, int, int]

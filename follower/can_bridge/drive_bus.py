@@ -11,8 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from common.canopen_bus import BusLostError, CanBus
-from common.canopen_frames import (
+from common.canopen.bus import BusLostError, CanBus
+from common.canopen.cia402 import DriveState, Target
+from common.canopen.frames import (
     HEARTBEAT,
     NMT_PRE_OPERATIONAL,
     NMT_START,
@@ -22,10 +23,9 @@ from common.canopen_frames import (
     heartbeat_frame,
     nmt_frame,
 )
-from common.canopen_node import CanopenNode, find_eds
-from common.cia402 import DriveState, Target
+from common.canopen.node import CanopenNode, find_eds
 from common.config import BaseConfig, FollowerCanConfig
-from common.node import DeviceError
+from common.errors import DeviceError
 from common.timing import NS_PER_MS
 from follower.can_bridge.axes import Axis, Group
 from follower.can_bridge.inbound import Inbound

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
-from common.canopen_frames import EMCY, HEARTBEAT, HEARTBEAT_LOST, STATE_BOOT_UP, TPDO, CanFrame, decode_emergency
-from common.cia402 import DriveState
+from common.canopen.cia402 import DriveState
+from common.canopen.frames import EMCY, HEARTBEAT, HEARTBEAT_LOST, STATE_BOOT_UP, TPDO, CanFrame, decode_emergency
 from common.timing import NS_PER_MS
 from follower.can_bridge.axes import OUTSTANDING, Axis
 

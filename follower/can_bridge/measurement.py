@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from common.canopen.cia402 import DriveState
 from common.causes import BAD_FRAMES, NODE_SILENT
-from common.cia402 import DriveState
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ import logging
 from collections.abc import Sequence
 
 from common.channels import ARM_SETPOINT, COMMAND, DRIVES, MISSION
+from common.errors import DeviceError
 from common.messages import Drives
-from common.node import DeviceError, Inbox, Node, NodeContext, Output, Trigger
+from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
 from follower.can_bridge.bridge import Bridge, Heard, Orders
 from follower.can_bridge.drive_bus import DriveBus

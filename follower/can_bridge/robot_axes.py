@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from common.cia402 import Mode
+from common.canopen.cia402 import Mode
 from common.config import BaseConfig, FollowerCanConfig
 from follower.can_bridge.axes import Axis, Parameter
 

@@ -10,11 +10,11 @@ from common.config import Config
 from common.geometry import Array, Pose2, features_at
 from common.messages import DockingState, Mission
 from common.timing import NS_PER_MS, NS_PER_S
-from follower.controller.compensation import limited
 from follower.controller.interface import Plan, PredictiveController, SpeedCaps
-from follower.controller.paper_method import PaperMethod
-from follower.estimator.motion_model import advance
-from follower.motion import MotionDisturbance
+from follower.model.motion import MotionDisturbance
+from follower.model.motion_model import advance
+from follower.paper.compensation import limited
+from follower.paper.method import PaperMethod
 
 MAX_REPLAYED_PLANS = 2
 

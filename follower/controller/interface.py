@@ -14,9 +14,10 @@ from typing import Protocol
 
 import numpy as np
 
-from common.config import Config, ConfigError
+from common.config import Config
+from common.errors import ConfigError
 from common.geometry import Array, Pose2
-from follower.motion import NO_DISTURBANCE, MotionDisturbance
+from follower.model.motion import NO_DISTURBANCE, MotionDisturbance
 
 
 class PlanStatus(Enum):
@@ -113,8 +114,8 @@ class PredictiveController(Protocol):
 
 _FACTORIES = {
     "gauss_newton": ("follower.controller.realtime", "make"),
-    "fatrop": ("follower.controller.paper_nmpc", "make"),
-    "ipopt": ("follower.controller.paper_nmpc", "make"),
+    "fatrop": ("follower.paper.nmpc", "make"),
+    "ipopt": ("follower.paper.nmpc", "make"),
 }
 
 

@@ -26,10 +26,10 @@ from follower.controller.interface import (
 from follower.controller.knots import KnotBasis
 from follower.controller.limits import possible_request, reachable_bounds
 from follower.controller.optimality import quadratic_residual
-from follower.controller.paper_nmpc import visibility_bounds
 from follower.controller.rollout import Rollout, features_along, roll_out
 from follower.controller.wheel_lag import wheel_response
-from follower.motion import NO_DISTURBANCE, MotionDisturbance, drifts
+from follower.model.motion import NO_DISTURBANCE, MotionDisturbance, drifts
+from follower.paper.nmpc import visibility_bounds
 
 COLD_STEPS = 5  # without a warm start; closed loop does the rest
 CONVERGED = 1e-5

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import Array, Pose2
-from follower.motion import MotionDisturbance
+from follower.model.motion import MotionDisturbance
 
 FADING_BELOW_M_S = 0.05
 

@@ -13,8 +13,8 @@ from common.kinematics import twist_from_wheels
 from common.messages import Drives
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
-from follower.estimator.odometry import PoseIncrement, WheelOdometry
 from follower.estimator.state import StateEstimator
+from follower.model.odometry import PoseIncrement, WheelOdometry
 
 _NO_DOCKING = ("idle", "done", "aborted")
 _FASTEST_RAD_S = 15.0

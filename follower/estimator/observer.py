@@ -1,6 +1,6 @@
 """Relative state from features and wheels, whatever disturbs the motion.
 
-States are the pose of {L} in {F} and the four disturbances of :class:`follower.motion.MotionDisturbance`.
+States are the pose of {L} in {F} and the four disturbances of :class:`follower.model.motion.MotionDisturbance`.
 Several extended Kalman filters run beside each other (:mod:`follower.estimator.hypotheses`): one that expects no
 disturbance averages the pose as far as the noise allows, others have one begin, change or end at some moment. Each
 weighs as much as it explains of what is seen, and the estimate is their weighted mean. Nothing is decided, so that
@@ -18,8 +18,8 @@ from common.config import EstimatorConfig
 from common.geometry import Array, Pose2
 from common.timing import NS_PER_S
 from follower.estimator.hypotheses import Branching, Hypotheses
-from follower.estimator.motion_model import DISTURBANCE, POSE, advance, advance_all
-from follower.motion import MotionDisturbance, share_of_drift
+from follower.model.motion import MotionDisturbance, share_of_drift
+from follower.model.motion_model import DISTURBANCE, POSE, advance, advance_all
 
 Mask = NDArray[np.bool_]
 

@@ -19,9 +19,7 @@ from common.geometry import Array, Pose2
 from common.messages import StateCause
 from common.timing import NS_PER_MS, NS_PER_S
 from follower.estimator.brightness import LedBrightness
-from follower.estimator.dead_reckoning import DeadReckoning
 from follower.estimator.detection import Detection
-from follower.estimator.homography import array_normal, theta_from_homography
 from follower.estimator.identification import Failure, Identifier, Limits, Match
 from follower.estimator.image_health import ImageHealth, ImageReport
 from follower.estimator.lens import Lens
@@ -29,6 +27,8 @@ from follower.estimator.planar_fit import FitModel
 from follower.estimator.single_fit import PlanarFit, fit_one, levelled
 from follower.estimator.spots import NoisyImageError, SpotRule, Spots, brightest, find_spots, find_spots_near
 from follower.estimator.tracking import ArrayTracker, Followed, nearest_within, predict_features, predict_state
+from follower.model.dead_reckoning import DeadReckoning
+from follower.paper.homography import array_normal, theta_from_homography
 
 TILT_SIGMA_RAD = math.radians(0.7)
 MOST_CANDIDATES = 40

@@ -6,7 +6,6 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
-from common.background import state_directory
 from common.channels import (
     ARM_STATE,
     COMMAND,
@@ -20,14 +19,15 @@ from common.channels import (
     MANUAL_REQUEST,
     MISSION,
 )
+from common.file_writer import state_directory
 from common.messages import FollowerSummary, Mission
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
 from follower.supervisor.attempt import undervoltage
+from follower.supervisor.attempt_report import AttemptReport
 from follower.supervisor.journal import Journal
 from follower.supervisor.manual import ManualMode, ManualSeen
 from follower.supervisor.observed import Observed
-from follower.supervisor.report import AttemptReport
 from follower.supervisor.run_watch import RunWatch
 from follower.supervisor.sequence import DockingSequence
 from follower.supervisor.taught import taught_images

@@ -7,7 +7,7 @@ import numpy as np
 from common.config import BaseConfig
 from common.geometry import Array, Pose2, wrap_angle
 from common.messages import DockingState, Drives
-from follower.estimator.odometry import PoseIncrement, WheelOdometry
+from follower.model.odometry import PoseIncrement, WheelOdometry
 
 AGREES_CHI2 = 16.3  # 3 degrees of freedom: 1 in 1000 true ones is refused
 _FLOOR = np.diag(np.square([0.10, 0.10, 0.05]))  # m, m, rad: what no model knows

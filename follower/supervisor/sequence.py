@@ -16,12 +16,12 @@ from common.messages import Answer, DockRequest, Drives, FollowerSummary, Missio
 from common.timing import NS_PER_S
 from follower.supervisor.attempt import Attempt
 from follower.supervisor.observed import Decided, Observed, Orders, Verdict
-from follower.supervisor.phase import PhaseLogic
-from follower.supervisor.phase_acquire import Acquire, Search
-from follower.supervisor.phase_approach import Approach
-from follower.supervisor.phase_contact import Insert, Push
-from follower.supervisor.phase_lock import Lock, Release, Retract
-from follower.supervisor.phase_staging import Staging
+from follower.supervisor.phases.acquire import Acquire, Search
+from follower.supervisor.phases.approach import Approach
+from follower.supervisor.phases.contact import Insert, Push
+from follower.supervisor.phases.lock import Lock, Release, Retract
+from follower.supervisor.phases.phase import PhaseLogic
+from follower.supervisor.phases.staging import Staging
 from follower.supervisor.reckoning import PoseReckoning
 from follower.supervisor.standstill import Standstill
 from follower.supervisor.transitions import ENDED, FREE, IN_CONTACT, Event, next_phase

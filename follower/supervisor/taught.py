@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from common.config import CameraConfig, Config, ConfigError
+from common.config import CameraConfig, Config
+from common.errors import ConfigError
 from common.geometry import Array, Pose2
 
 _SCHEMA = "taught/1"

@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 
 from common.config import CameraConfig, Config
+from common.errors import DeviceError
 from common.frame_ring import Image
 from common.frame_source import Capture, FrameSource, frame_source
-from common.node import DeviceError, Inbox, NodeContext
+from common.node import Inbox, NodeContext
 from common.timing import NS_PER_S, SteppedClock
 from follower.camera.mindvision import MindVisionSource
 from follower.camera.replay import ReplaySource, read_grey

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from tests.deploy.machines import PATIENCE_S, Machine, until
 from tests.deploy.probe import Probe
-from tests.host import judged_on_a_calm_host
+from tests.rigs.host import judged_on_a_calm_host
 
 TARGET = "davpc-follower.target"
 DOCKED_S = 120.0

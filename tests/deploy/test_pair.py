@@ -19,7 +19,7 @@ from tests.deploy.docking import TARGET, ask, dock
 from tests.deploy.machines import PATIENCE_S, Machine, Network, until
 from tests.deploy.probe import Probe
 from tests.deploy.units import ROOT, merged, unit_of
-from tests.host import HostWatch, judged_on_a_calm_host
+from tests.rigs.host import HostWatch, judged_on_a_calm_host
 
 pytestmark = [pytest.mark.alone, pytest.mark.timeout(HANGS_S)]
 

@@ -10,7 +10,7 @@ import pytest
 
 from common.processes import PROCESSES
 from tests.docker.conftest import ROOT, Deployment, Engine
-from tests.host import judged_on_a_calm_host
+from tests.rigs.host import judged_on_a_calm_host
 from tests.system.test_sim import is_docked
 
 COMPOSE = (ROOT / "docker/compose.yaml").read_text()

@@ -1,7 +1,7 @@
 """Mutation test of one module: change it in one place at a time and see whether its tests notice.
 
-``python -m tests.mutation.mutate follower/can_bridge/gate.py tests/unit/test_gate.py …`` prints every survivor and
-exits with 1 if there is one that ``EQUIVALENT`` does not list with its reason.
+``python -m tests.mutation.mutate follower/can_bridge/gate.py tests/unit/follower/can_bridge/test_gate.py …`` prints
+every survivor and exits with 1 if there is one that ``EQUIVALENT`` does not list with its reason.
 """
 
 from __future__ import annotations

@@ -17,8 +17,8 @@ import pytest
 from common.bus import Bus
 from common.channels import Channel
 from common.messages import Header, LeaderState, Message, encode
-from common.network_access import OTHER, Robot
 from common.processes import GATEWAYS, PROCESSES
+from gateway.access import OTHER, Robot
 from tests.conftest import REFERENCE
 from tests.system.conftest import sim_run, until
 

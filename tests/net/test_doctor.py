@@ -7,10 +7,10 @@ import pytest
 from common.channels import FOLLOWER_GATEWAY
 from common.config import load_config
 from common.messages import GatewayState
-from common.network_access import robot_access
-from station.doctor import Seen
-from station.doctor_ears import Heard, listen
-from station.doctor_network import check_access, check_certificate, check_link
+from gateway.access import robot_access
+from station.doctor.bus import Heard, listen
+from station.doctor.findings import Seen
+from station.doctor.network import check_access, check_certificate, check_link
 from tests.conftest import REFERENCE
 from tests.net.conftest import READY_S, Gateways, needs_openssl
 from tests.system.conftest import until

@@ -17,8 +17,8 @@ from common.channels import (
     Channel,
     health_channel,
 )
-from common.network_access import OTHER, Robot
 from common.processes import GATEWAYS, PROCESSES, process
+from gateway.access import OTHER, Robot
 from tests.net.conftest import READY_S, Gateways, Heard, needs_openssl, published_until_heard
 from tests.system.conftest import until
 

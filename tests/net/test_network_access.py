@@ -10,10 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from common.channels import CHANNELS, FOLLOWER_SUMMARY, LEADER_STATE, LED_REQUEST, LOCK_REQUEST
-from common.config import Config, ConfigError, NetworkConfig, load_config
-from common.credentials import check_credentials
-from common.gateway import robot_router, site_router
-from common.network_access import OTHER, Robot, exports, robot_access
+from common.config import Config, NetworkConfig, load_config
+from common.errors import ConfigError
+from gateway.access import OTHER, Robot, exports, robot_access
+from gateway.credentials import check_credentials
+from gateway.node import robot_router, site_router
 from station.cli import app
 from tests.conftest import REFERENCE
 from tests.net.conftest import needs_openssl, pki

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from common.network_access import Robot
 from common.processes import ONE_MACHINE
+from gateway.access import Robot
 from tests.net.conftest import Gateways, needs_openssl
 from tests.net.rogue import first_packets, resident_mb
 from tests.system.conftest import judged_on_a_calm_host, until

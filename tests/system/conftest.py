@@ -16,7 +16,7 @@ from typing import Any
 import can
 import pytest
 
-from tests import host
+from tests.rigs import host
 
 
 class SimRun:

@@ -124,7 +124,9 @@ def test_a_device_that_hangs_does_not_keep_it(tmp_path: Path) -> None:
     """A driver call that never comes back, and holds a thread that cannot be ended."""
     script = """
 import sys, threading
-from station import cli, doctor_probes, doctor_visit
+from station.doctor import probes as doctor_probes
+from station.doctor import examination as doctor_visit
+from station import cli
 doctor_visit._PROBE_S = 0.5
 doctor_probes.can_link = lambda channel: threading.Event().wait()
 cli.main()

@@ -14,7 +14,7 @@ import pytest
 
 from common.config import default_config_path
 from common.processes import PROCESSES
-from station import children
+from station.simulate import children
 from tests.system.conftest import until
 
 pytestmark = pytest.mark.alone

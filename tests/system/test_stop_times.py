@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.stop_times import METHODS, NAMES, ROBOT_METHODS, run
+from experiments.stop_times.experiment import METHODS, NAMES, ROBOT_METHODS, run
 
 pytestmark = pytest.mark.alone
 

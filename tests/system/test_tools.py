@@ -19,8 +19,8 @@ import typer
 from common.config import Config
 from common.geometry import Pose2, features_at
 from follower.supervisor.taught import load
+from station.calibrate.mount_file import load_views
 from station.cli import app
-from station.mount_file import load_views
 from tests.system.conftest import until
 
 STANDS = Pose2(-2.2, 0.05, math.radians(2.0))  # Follower in {L}

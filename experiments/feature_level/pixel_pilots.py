@@ -1,0 +1,89 @@
+"""The methods at pixel level: the default one as on the robot, the others on what perception measures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from common.messages import Mission
+from experiments.feature_level.feature_world import Measurement
+from experiments.feature_level.pilots import Insight, Pilot, PilotFactory, Task, Twist
+from experiments.feature_level.pixel_world import Seen
+from follower.controller.docking import DockingController
+from follower.controller.interface import PredictiveController
+
+
+class RuntimePilot:
+    """The controller process's own code, with a mission that caps nothing."""
+
+    def __init__(self, task: Task, controller: PredictiveController) -> None:
+        self.insight = Insight()
+        controller.reset()
+        self._docking = DockingController(task.config, controller)
+        self._mission = _uncapped(task)
+        self._seen: Seen | None = None
+
+    def see(self, measurement: Measurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
+        """Keep the newest docking state."""
+        assert isinstance(measurement, Seen)
+        self._seen = measurement
+
+    def command(self, wheels: Twist, applied: Twist) -> Twist:  # noqa: ARG002
+        """From the newest docking state, for ``base.latency_ms`` after its exposure."""
+        assert self._seen is not None
+        state = self._seen.state
+        twist = self._docking.step(state.capture_ns, state, self._mission, wheels)
+        self._docking.commit(twist)
+        self.insight.disturbance = np.array(state.disturbance)
+        self.insight.solves += state.valid
+        self.insight.failures += state.valid and twist.source != "solved"
+        return twist.v_m_s, twist.w_rad_s
+
+
+class WaitingPilot:
+    """A method of the feature level that stands still until perception has seen the array once."""
+
+    def __init__(self, pilot: Pilot) -> None:
+        self._pilot = pilot
+        self.insight = pilot.insight
+        self._started = False
+
+    def see(self, measurement: Measurement, wheels: Twist, applied: Twist) -> None:
+        """Hand the frame on, from the first that shows the whole array."""
+        self._started = self._started or bool(np.isfinite(measurement.features).all())
+        if self._started:
+            self._pilot.see(measurement, wheels, applied)
+
+    def command(self, wheels: Twist, applied: Twist) -> Twist:
+        """The method's command."""
+        return self._pilot.command(wheels, applied) if self._started else (0.0, 0.0)
+
+
+class PixelPilotFactory(PilotFactory):
+    """Makes a method's pilots for the pixel level."""
+
+    def make(self) -> Pilot:
+        """A pilot for one run."""
+        if self._method == "davpc" and self._controller is not None:
+            return RuntimePilot(self.task, self._controller)
+        return WaitingPilot(super().make())
+
+
+def _uncapped(task: Task) -> Mission:
+    limits = task.config.limits
+    return Mission(
+        phase="approach",
+        cause="",
+        trolley=1,
+        method=task.config.controller.method,
+        epoch=1,
+        armed=True,
+        motion="servo",
+        straight_speed_m_s=0.0,
+        v_max_m_s=limits.v_max_m_s,
+        w_max_rad_s=limits.w_max_rad_s,
+        goal_theta_rad=task.goal.theta_rad,
+        desired_features=tuple((float(a), float(b)) for a, b in task.desired),
+        grip="closed",
+        push=False,
+        resets=0,
+    )

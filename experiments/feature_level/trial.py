@@ -1,0 +1,166 @@
+"""One run of a method in a world of either level, and the paper's metrics of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from common.config import Config
+from common.geometry import Array, Pose2, features_at
+from common.timing import NS_PER_S
+from experiments.feature_level.feature_world import Disturbances, FeatureWorld, Measurement, project
+from experiments.feature_level.pilots import Pilot, Task
+from experiments.feature_level.scenes import (
+    DURATION_S,
+    FRAME_RATE_HZ,
+    FRAMES_PER_COMMAND,
+    NOISE_PX,
+    NOISE_THETA_RAD,
+    OVER_BOUND_M,
+)
+
+
+class World(Protocol):
+    """What a run needs of a world: at feature level, or at pixel level."""
+
+    command: tuple[float, float]
+
+    @property
+    def pose(self) -> Pose2:
+        """{F} in {L}."""
+
+    @property
+    def wheels(self) -> tuple[float, float]:
+        """Twist that the encoders tell."""
+
+    def measure(self, time_ns: int) -> Measurement:
+        """The frame taken now."""
+
+    def advance(self, duration_s: float) -> None:
+        """Drive on."""
+
+    def true_pixels(self) -> Array:
+        """Projections (n, 2) without noise."""
+
+    def in_view(self) -> Array:
+        """(n,) whether each projection lies in the image."""
+
+
+METRICS = ("e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px", "m_v", "m_w", "lost", "over_bound", "settle_s")
+
+
+@dataclass
+class Trace:
+    """What a run looked like, one row for each control period."""
+
+    time_s: list[float] = field(default_factory=list)
+    pose: list[tuple[float, float, float]] = field(default_factory=list)
+    command: list[tuple[float, float]] = field(default_factory=list)
+    features: list[Array] = field(default_factory=list)
+    disturbance: list[Array] = field(default_factory=list)
+    compensation: list[tuple[float, float]] = field(default_factory=list)
+
+    def arrays(self) -> dict[str, Array]:
+        """The rows as arrays, by name."""
+        return {name: np.array(rows) for name, rows in vars(self).items()}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Metrics of one run by name (``settle_s`` NaN: never), and its trace."""
+
+    metrics: dict[str, float]
+    trace: Trace
+
+
+def fly(
+    task: Task,
+    pilot: Pilot,
+    start: Pose2,
+    seed: list[int],
+    disturbances: Disturbances,
+    duration_s: float = DURATION_S,
+) -> Outcome:
+    """Run at feature level for a while."""
+    world = FeatureWorld(task.config, start, seed, disturbances, NOISE_PX, NOISE_THETA_RAD)
+    return fly_in(world, task, pilot, duration_s)
+
+
+def fly_in(world: World, task: Task, pilot: Pilot, duration_s: float = DURATION_S) -> Outcome:
+    """Run for a while: a frame at 60 Hz, a command from every third."""
+    trace, applied, lost = Trace(), (0.0, 0.0), False
+    settled_since = math.nan
+    for frame in range(round(duration_s * FRAME_RATE_HZ)):
+        time_s = frame / FRAME_RATE_HZ
+        pilot.see(world.measure(round(time_s * NS_PER_S)), world.wheels, applied)
+        if frame % FRAMES_PER_COMMAND == 0:
+            applied = pilot.command(world.wheels, applied)
+            world.command = applied
+            _note(trace, time_s, world, pilot, applied)
+            near = _settled(task, world)
+            settled_since = (time_s if math.isnan(settled_since) else settled_since) if near else math.nan
+        world.advance(1.0 / FRAME_RATE_HZ)
+        lost = lost or not bool(world.in_view().all())
+    return Outcome(_metrics(task, world, trace, lost, settled_since), trace)
+
+
+def _note(trace: Trace, time_s: float, world: World, pilot: Pilot, applied: tuple[float, float]) -> None:
+    trace.time_s.append(time_s)
+    trace.pose.append((world.pose.x_m, world.pose.y_m, world.pose.theta_rad))
+    trace.command.append(applied)
+    trace.features.append(world.true_pixels())
+    trace.disturbance.append(pilot.insight.disturbance)
+    trace.compensation.append(pilot.insight.compensation)
+
+
+def _settled(task: Task, world: World) -> bool:
+    """The supervisor's arrival test, on the truth."""
+    docking = task.config.docking
+    relative = world.pose.inverse()
+    if abs(relative.theta_rad - task.goal.theta_rad) > math.radians(docking.heading_tolerance_deg):
+        return False
+    try:
+        error = features_at(task.points_l, relative, task.camera) - task.desired
+    except ValueError:  # driven past the array
+        return False
+    return bool(np.abs(error).max() <= docking.feature_tolerance)
+
+
+def _metrics(task: Task, world: World, trace: Trace, lost: bool, settled_since: float) -> dict[str, float]:
+    """At the end of the run: the paper's six columns and this project's."""
+    goal = task.goal.inverse()
+    e_x, e_y = abs(world.pose.x_m - goal.x_m), abs(world.pose.y_m - goal.y_m)
+    error_px = world.true_pixels() - project(task.config, goal)
+    change = np.diff(np.array([(0.0, 0.0), *trace.command]), axis=0)
+    m_v, m_w = np.sqrt(np.mean(change**2, axis=0))
+    return {
+        "e_x_cm": 100 * e_x,
+        "e_y_cm": 100 * e_y,
+        "e_theta_deg": math.degrees(abs(world.pose.theta_rad - goal.theta_rad)),
+        "e_p_px": float(np.sqrt(np.mean(np.sum(error_px**2, axis=1)))),
+        "m_v": float(m_v),
+        "m_w": float(m_w),
+        "lost": float(lost),
+        "over_bound": float(max(e_x, e_y) > OVER_BOUND_M),
+        "settle_s": settled_since,
+    }
+
+
+def summarise(outcomes: list[dict[str, float]]) -> dict[str, float | None]:
+    """Means over runs, counts for ``lost`` and ``over_bound``, worst e_y; ``settle_s`` None when no run settled."""
+    table = {name: np.array([metrics[name] for metrics in outcomes]) for name in METRICS}
+    summary: dict[str, float | None] = {name: float(np.mean(table[name])) for name in METRICS[:6]}
+    summary["lost"], summary["over_bound"] = float(table["lost"].sum()), float(table["over_bound"].sum())
+    settled = table["settle_s"][np.isfinite(table["settle_s"])]
+    summary["settle_s"] = float(settled.mean()) if settled.size else None
+    summary["unsettled"] = float(len(outcomes) - settled.size)
+    summary["worst_e_y_cm"] = float(table["e_y_cm"].max())
+    return summary
+
+
+def goal_task(config: Config) -> Task:
+    """The paper's task: the first trolley."""
+    return Task(config, config.docking.goal(1))

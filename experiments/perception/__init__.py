@@ -1,0 +1,1 @@
+"""What the estimator sees in hard light: locks, losses, wrong LEDs, errors beside their bound."""

@@ -1,0 +1,1 @@
+"""Whole queues in stepped time down to pixels and CAN frames, and what goes wrong at them."""

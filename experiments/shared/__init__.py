@@ -1,0 +1,1 @@
+"""What experiments share: runs spread over processes, and the files that they leave."""

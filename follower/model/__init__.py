@@ -1,0 +1,1 @@
+"""How the Follower moves, how far its wheels went, and where the Leader must be without sight."""

@@ -1,0 +1,108 @@
+"""Insert and push: straight ahead until the joint torques feel guide or queue, then until it is one rigid piece."""
+
+from __future__ import annotations
+
+import math
+
+from common.messages import DockingState, Drives
+from follower.supervisor.attempt import Attempt, Since
+from follower.supervisor.observed import Observed, Orders, Verdict, straight
+from follower.supervisor.phases.phase import PhaseLogic, failed
+
+_STROKE_SHARE = 0.8
+_SHORT_M = 0.015  # a good push ends up to 4 cm beyond its stroke, as the play of the queue closes; none ends before
+_SPARE_S = 3.0
+
+
+class _Ahead(PhaseLogic):
+    """What both have in common: the way since the insertion began, its limit, and a pause without the LEDs."""
+
+    def __init__(self, attempt: Attempt, now_ns: int) -> None:
+        super().__init__(attempt, now_ns)
+        self._lost = Since()
+        self._before_ns = now_ns
+        self._driven_s = 0.0
+
+    def _pushed_m(self, drives: Drives) -> float:
+        attempt = self.attempt
+        odometer_m = attempt.odometer_m(drives)
+        if attempt.contact_begin_m is None:
+            attempt.contact_begin_m = odometer_m
+        return odometer_m - attempt.contact_begin_m
+
+    def _ahead(self, seen: Observed, pushed_m: float, speed_m_s: float) -> Orders | Verdict:
+        """Go on, or stand without LEDs: in contact nothing is let go and nothing is looked for."""
+        if pushed_m > self.limits.push_limit_m:
+            return failed("no_contact")
+        elapsed_s, self._before_ns = (seen.now_ns - self._before_ns) * 1e-9, seen.now_ns
+        unwell = self.attempt.unwell(seen) or self.attempt.blind(seen)
+        lost_s = self._lost.held_s(bool(unwell), seen.now_ns)
+        if lost_s > self.limits.lost_timeout_s:
+            return failed(self._lost_cause(seen, unwell))
+        if unwell:
+            return Orders(push=True, waiting=unwell)
+        self._driven_s += elapsed_s
+        if self._driven_s > 2.0 * self.limits.push_limit_m / speed_m_s + _SPARE_S:
+            return failed("push_timeout")
+        return straight(speed_m_s, push=True)
+
+    def _lost_cause(self, seen: Observed, unwell: str) -> str:
+        if unwell != self.attempt.blind(seen):
+            return f"unwell: {unwell}"
+        if seen.state is None:
+            return "estimator_silent"
+        return f"{'leds_lost' if seen.leader is not None else 'leader_lost'}: in contact"
+
+
+class Insert(_Ahead):
+    """From the goal to the first resistance."""
+
+    def step(self, seen: Observed) -> Orders | Verdict:
+        """See :class:`PhaseLogic`."""
+        if seen.drives is None:
+            return Orders(push=True, waiting="drives")
+        pushed_m = self._pushed_m(seen.drives)
+        if seen.arms is not None and (seen.arms.contact or seen.arms.connected):
+            return Verdict("contact")
+        return self._ahead(seen, pushed_m, self.limits.insert_speed_m_s)
+
+
+class Push(_Ahead):
+    """Until all trolleys are rigidly connected: by torque, by the way pushed, and by what the camera sees."""
+
+    def step(self, seen: Observed) -> Orders | Verdict:
+        """See :class:`PhaseLogic`."""
+        if seen.drives is None:
+            return Orders(push=True, waiting="drives")
+        pushed_m = self._pushed_m(seen.drives)
+        if seen.arms is not None and seen.arms.connected:
+            return self._connected(seen, pushed_m)
+        return self._ahead(seen, pushed_m, self.limits.push_speed_m_s)
+
+    def _connected(self, seen: Observed, pushed_m: float) -> Orders | Verdict:
+        stroke_m = self.attempt.config.docking.push_stroke_m
+        if pushed_m < _STROKE_SHARE * stroke_m:
+            return failed("contact_early")
+        state = seen.state
+        if state is None or not state.valid:
+            if self._lost.held_s(True, seen.now_ns) > self.limits.lost_timeout_s:
+                return failed(self._lost_cause(seen, self.attempt.blind(seen)))
+            return Orders(push=True, waiting="LEDs")
+        if self._visual_error_m(state, pushed_m) > self.limits.push_visual_tolerance_m:
+            return failed("contact_elsewhere")
+        return Verdict("connected")
+
+    def _visual_error_m(self, state: DockingState, pushed_m: float) -> float:
+        """Between where the LEDs say that the push ended and where it should: along, and beyond the bound across.
+
+        Along against the wheels, which slip, and against the whole stroke: a trolley that stands against something
+        before its place is rigid too, and of a later one no switch tells.
+        """
+        docking, goal = self.attempt.config.docking, self.attempt.goal
+        c, s = math.cos(state.theta_rad), math.sin(state.theta_rad)
+        behind_m = state.x_m * c + state.y_m * s
+        across_m = abs(state.x_m * s - state.y_m * c)
+        bound_m = docking.lateral_bound_first_m if self.attempt.trolley == 1 else docking.lateral_bound_next_m
+        short_m = behind_m - (goal.x_m - docking.push_stroke_m) - _SHORT_M
+        by_wheels_m = abs(goal.x_m - pushed_m - behind_m)
+        return math.inf if short_m > 0.0 else max(by_wheels_m, across_m - bound_m)

@@ -1,0 +1,71 @@
+"""The simulated camera: renders in the camera process what the world message says, one frame per exposure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from common.frame_ring import Image
+from common.frame_source import Capture
+from common.geometry import Pose2
+from common.node import Inbox, NodeContext, Trigger
+from common.timing import NS_PER_S
+from sim.optics.image import Optics, View
+from sim.optics.scenes import Scene, Walker, named_scene
+from sim.world_config import world_config
+from sim.world_message import WORLD
+
+
+class SimulatedFrameSource:
+    """A frame source whose light is computed; exposure and gain come from the configuration.
+
+    Another exposure makes the light stronger or weaker; its motion blur stays that of the configured one.
+    """
+
+    trigger = Trigger(wakes=(WORLD,))
+    inputs = (WORLD,)
+
+    def __init__(self, context: NodeContext) -> None:
+        self._camera = context.config.camera
+        world = world_config(context.config, str(context.config_path))
+        self._optics = Optics(self._camera, context.config.leds, world.seed)
+        # the world tilts the camera where the floor is uneven
+        self._scene = self._named = replace(named_scene(world.scene, world.seed), shake_rad=(0.0, 0.0))
+        self._exposure_us = self._camera.exposure_us
+
+    def open(self) -> None:
+        """Nothing to open."""
+
+    def grab(self, now_ns: int, inputs: Inbox, image: Image) -> Capture | None:  # noqa: ARG002 - light has its own time
+        """Render the newest exposure if there is one since the last step."""
+        world = inputs.arrived(WORLD)
+        if world is None:
+            return None
+        relative = Pose2(world.x_m, world.y_m, world.theta_rad).inverse()
+        view = View(
+            world.sequence,
+            relative,
+            world.led_current_a,
+            world.pitch_rad,
+            world.roll_rad,
+            world.v_m_s,
+            world.w_rad_s,
+            # counted from the world's start, so that lamps and walkers do the same in every run
+            round(world.sequence * NS_PER_S / self._camera.rate_hz),
+            self._seen_past(world.occluders),
+        )
+        self._optics.render(image, view)
+        return Capture(world.time_ns, self._exposure_us, self._camera.gain, "simulated")
+
+    def expose(self, exposure_us: float) -> None:
+        """From the next frame on."""
+        factor = self._named.exposure_factor * exposure_us / self._camera.exposure_us
+        self._scene, self._exposure_us = replace(self._named, exposure_factor=factor), exposure_us
+
+    def _seen_past(self, occluders: tuple[tuple[float, float, float], ...]) -> Scene:
+        if not occluders:
+            return self._scene
+        standing = tuple(Walker((x, y), (0.0, 0.0), 0.0, radius) for x, y, radius in occluders)
+        return replace(self._scene, walkers=self._scene.walkers + standing)
+
+    def close(self) -> None:
+        """Nothing to close."""

@@ -1,0 +1,1 @@
+"""What moves and touches in the simulated world: base, arms, trolleys, queue, guide and lock."""

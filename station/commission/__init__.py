@@ -1,0 +1,1 @@
+"""CAN nodes, axes, wiring and the network: what an engineer brings up before the first docking."""

@@ -1,0 +1,131 @@
+"""``davpc can``: who is on a bus, what they do, and whether each axis does what it is told."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from rich.table import Table
+
+from common.config import Config, default_config_path
+from common.errors import DeviceError
+from common.processes import process
+from common.timing import MonotonicClock
+from station.options import ConfigOption, SetOption, loaded
+
+if TYPE_CHECKING:
+    from follower.can_bridge.measurement import Measurement
+    from station.commission.can_tools import NodeRow
+
+can = typer.Typer(no_args_is_help=True, help="Look at a CAN bus and test its axes. `davpc can scan`")
+
+
+@can.command(epilog="Example:  davpc can scan --bus leader")
+def scan(
+    bus: Annotated[Literal["follower", "leader"], typer.Option(help="which robot's")] = "follower",
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """List the nodes that answer, with their identity. Only reads."""
+    from station.commission.can_tools import follower_names
+    from station.commission.can_tools import scan as ask
+
+    robots = loaded(config, overrides)
+    if bus == "follower":
+        found = ask(robots.follower_can.bus, follower_names(robots, _path(config)))
+    else:
+        found = ask(robots.leader_can.bus, {robots.leader_can.io_node_id: "leader I/O"})
+    typer.echo("node  profile  vendor    product   serial      state            name")
+    for node in found:
+        identity = f"{node.vendor:08X}  {node.product:08X}  {node.serial:<10d}"
+        typer.echo(f"{node.node_id:4d}  {node.profile:7s}  {identity}  {node.state:15s}  {node.name or 'unknown'}")
+    if not found:
+        raise DeviceError(f"CAN bus {bus}: nobody answers; power, termination, bitrate?")
+
+
+@can.command(epilog="Example:  davpc can monitor --seconds 60")
+def monitor(
+    seconds: Annotated[float, typer.Option(min=0, help="0: until Ctrl-C")] = 0,
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Follow the drives of a bus on which a bridge works, live. Sends nothing."""
+    from rich.live import Live
+
+    from station.commission.can_tools import Monitor
+
+    follower, clock = Monitor(loaded(config, overrides), _path(config)), MonotonicClock()
+    follower.open()
+    end_ns = clock.now_ns() + round(seconds * 1e9)
+    try:
+        with Live(refresh_per_second=5) as live:
+            while not seconds or clock.now_ns() < end_ns:
+                live.update(_monitor_table(*follower.poll(clock.now_ns())))
+                time.sleep(0.05)
+    finally:
+        follower.close()
+
+
+@can.command("enable-test", epilog="Example:  davpc can enable-test --wheels-are-up")
+def enable_test(
+    wheels_are_up: Annotated[bool, typer.Option("--wheels-are-up", help="say that nothing can roll away")] = False,
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Turn each axis each way, try each limit, fire the watchdog on purpose. No bridge may be running."""
+    from station.commission.enable_test import EnableTest
+
+    if not wheels_are_up:
+        raise typer.BadParameter("lift the wheels off the ground, then say --wheels-are-up")
+    _be_punctual()
+    robots: Config = loaded(config, overrides)
+    for check in EnableTest(robots, _path(config), MonotonicClock()).run():
+        typer.echo(f"{'ok  ' if check.passed else 'FAIL'}  {check.name:28s} {check.seen}")
+        if not check.passed:
+            raise typer.Exit(1)
+
+
+@can.command(epilog="Example:  davpc can home --arms-are-free")
+def home(
+    arms_are_free: Annotated[bool, typer.Option("--arms-are-free", help="say that the arms hold nothing")] = False,
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Find the home of each axis that has no absolute encoder, one after the other. No bridge may be running."""
+    from station.commission.homing import Homing
+
+    if not arms_are_free:
+        raise typer.BadParameter("arms and lift will move: clear their way, then say --arms-are-free")
+    _be_punctual()
+    robots: Config = loaded(config, overrides)
+    for check in Homing(robots, _path(config), MonotonicClock()).run():
+        typer.echo(f"{'ok  ' if check.passed else 'FAIL'}  {check.name:28s} {check.seen}")
+        if not check.passed:
+            raise typer.Exit(1)
+
+
+def _be_punctual() -> None:
+    """As the bridge, where allowed: drives whose heartbeat is late for 80 ms stop by themselves."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(process("follower-can-bridge").priority))
+    except OSError as error:
+        typer.echo(f"no real-time priority ({error.strerror}): a busy machine may end this early", err=True)
+
+
+def _monitor_table(rows: list[NodeRow], measured: Measurement) -> Table:
+    table = Table("node", "name", "state", "position", "velocity", "torque", "age ms", "faults")
+    for row in rows:
+        values = f"{row.position:+.3f}", f"{row.velocity:+.3f}", f"{row.torque_n_m:+.2f}", f"{row.age_ms:.0f}"
+        table.add_row(str(row.node_id), row.name, row.state, *values, "; ".join(row.faults))
+    clear = "clear" if measured.estop_clear and measured.protective_clear else "STOP"
+    table.caption = f"stop inputs {clear}, battery {measured.battery_v:.1f} V, malformed {measured.malformed}"
+    if measured.measured_ns < 0:
+        table.caption = "no SYNC heard: nobody works on this bus; davpc can scan asks the nodes"
+    return table
+
+
+def _path(config: Path | None) -> Path:
+    return config or default_config_path()

@@ -1,0 +1,89 @@
+"""How commands that ask a running robot speak: one clear line, or one JSON object, and exit code 0 or 1."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import secrets
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+
+from common.config import default_config_path, load_config
+from common.errors import DeviceError
+
+if TYPE_CHECKING:
+    from station.operate.link import RobotLink
+
+RunningOption = Annotated[
+    Path | None,
+    typer.Option("--runtime", help="folder of the running robot", show_default="the one that runs here"),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="one JSON object for programs")]
+PATIENCE_S = 5.0
+
+
+def request_id() -> str:
+    """An id that no other request has."""
+    return f"person-{secrets.token_hex(6)}"
+
+
+def say(outcome: str, reason: str, as_json: bool) -> NoReturn:
+    """Tell what became of a request, and exit."""
+    good = outcome in ("done", "accepted")
+    if as_json:
+        show_json({"outcome": outcome, "reason": reason})
+    else:
+        typer.echo(f"{outcome}: {reason}", err=not good)
+    raise typer.Exit(0 if good else 1)
+
+
+def show_json(table: dict[str, Any]) -> None:
+    """One line."""
+    typer.echo(json.dumps(table, ensure_ascii=False))
+
+
+def fields(message: Any) -> dict[str, Any] | None:
+    """A message as a table; None where it was not heard."""
+    return None if message is None else asdict(message)
+
+
+@contextlib.contextmanager
+def answering(as_json: bool) -> Iterator[None]:
+    """A robot that does not run or answer is a line and exit code 1."""
+    try:
+        yield
+    except DeviceError as error:
+        if as_json:
+            show_json({"outcome": "unreachable", "reason": str(error)})
+        else:
+            typer.echo(f"davpc: {error}", err=True)
+        raise typer.Exit(1) from error
+
+
+@contextlib.contextmanager
+def open_link(runtime: Path | None) -> Iterator[RobotLink]:
+    """The robot that runs here, or in the named folder."""
+    from station.operate.link import RobotLink, running_robot
+
+    with RobotLink(running_robot(runtime), configured_namespace()) as link:
+        yield link
+
+
+def configured_namespace() -> str:
+    """The Zenoh namespace of this computer's pair."""
+    return load_config(default_config_path()).network.namespace
+
+
+def running_folder() -> Path:
+    """The folder of the robot that runs here.
+
+    Raises:
+        DeviceError: none runs here, or several.
+    """
+    from station.operate.link import running_robot
+
+    return running_robot(None)

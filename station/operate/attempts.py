@@ -1,0 +1,117 @@
+"""The reports of attempts: read, summed up, and a calibration that drifts named by its repeated signed bias."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import fmean, stdev
+from typing import Any
+
+from common.errors import ConfigError
+
+ATTEMPTS_FILE = "attempts.jsonl"
+_SCHEMA = "attempt/1"
+_KEYS = {"docked", "code", "arrival", "connected", "margins", "gate", "retries", "pauses", "duration_s"}
+_FEWEST_FOR_BIAS = 5
+_SURE = 4.0  # standard errors
+# smaller than this a bias does not matter, however sure it is
+_MATTERS = {"e_x_cm": 2.0, "e_y_cm": 1.0, "e_theta_deg": 0.5}
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The last attempts together: errors are means of magnitudes where they arrived."""
+
+    attempts: int
+    docked: int
+    unreadable: int
+    causes: dict[str, int]
+    mean_e_y_cm: float | None
+    mean_e_theta_deg: float | None
+    mean_duration_s: float | None
+    retries: int
+    pauses: int
+    interventions: int
+    least_margins: dict[str, float]
+    warnings: tuple[str, ...]
+
+
+def read_attempts(path: Path, last: int) -> tuple[list[dict[str, Any]], int]:
+    """The newest ``last`` records and how many lines could not be read.
+
+    Raises:
+        ConfigError: there is no such file.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise ConfigError(
+            f"{path}: no reports of attempts ({error.strerror}): name their folder with --state"
+        ) from error
+    found, spoilt = [], 0
+    for line in lines[-last:]:
+        try:
+            record = json.loads(line)
+            good = record["schema"] == _SCHEMA and record.keys() >= _KEYS
+        except (ValueError, KeyError, TypeError):
+            good = False
+        if good:
+            found.append(record)
+        else:
+            spoilt += 1
+    return found, spoilt
+
+
+def summarise(records: list[dict[str, Any]], unreadable: int) -> Summary:
+    """Sum records up."""
+    arrivals = [record["arrival"] for record in records if record["arrival"] is not None]
+    docked = [record for record in records if record["docked"]]
+    margins: dict[str, float] = {}
+    for record in records:
+        for name, value in record["margins"].items():
+            margins[name] = min(value, margins.get(name, math.inf))
+    return Summary(
+        attempts=len(records),
+        docked=len(docked),
+        unreadable=unreadable,
+        causes=dict(Counter(record["code"] for record in records if not record["docked"]).most_common()),
+        mean_e_y_cm=_mean([abs(arrival["e_y_cm"]) for arrival in arrivals]),
+        mean_e_theta_deg=_mean([abs(arrival["e_theta_deg"]) for arrival in arrivals]),
+        mean_duration_s=_mean([record["duration_s"] for record in docked]),
+        retries=sum(record["retries"] for record in records),
+        pauses=sum(sum(record["pauses"].values()) for record in records),
+        interventions=sum(record["gate"]["interventions"] for record in records),
+        least_margins=margins,
+        warnings=biases(records),
+    )
+
+
+def biases(records: list[dict[str, Any]]) -> tuple[str, ...]:
+    """What the docked pose says of the calibration.
+
+    Where trolleys are rigidly connected the queue holds the Follower in place, so what the camera says there is the
+    camera's own error. One that is the same each time is no noise: lens, mounting or array are no longer as measured.
+    Along x nothing but the wheels tells where that is, from where the camera itself said that it had arrived: there a
+    wrong scale shows, over the push, and a constant offset does not.
+    """
+    found = []
+    held = [record["connected"] for record in records if record["connected"] is not None]
+    for name, matters in _MATTERS.items():
+        values = [row[name] for row in held]
+        if len(values) < _FEWEST_FOR_BIAS:
+            continue
+        mean = fmean(values)
+        error = max(stdev(values), 1e-3) / math.sqrt(len(values))
+        if abs(mean) > matters and abs(mean) > _SURE * error:
+            found.append(
+                f"{name}: {mean:+.2f} in the mean of {len(values)} docked poses: the calibration drifts "
+                "(davpc calibrate check)"
+            )
+    return tuple(found)
+
+
+def _mean(values: list[float]) -> float | None:
+    return fmean(values) if values else None

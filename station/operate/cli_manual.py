@@ -1,0 +1,149 @@
+"""``davpc jog``, ``grip``, ``lift``: a person's hand on a running robot, held-to-run and through the gate."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import sys
+import termios
+import tty
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from common.errors import DeviceError
+from station.operate.answers import RunningOption, configured_namespace
+
+if TYPE_CHECKING:
+    from station.operate.manual import Felt, ManualLink
+
+_LIFT_TOLERANCE_M = 0.0005
+
+
+def jog(
+    speed: Annotated[float, typer.Option(min=-0.1, max=0.1, help="m/s, negative backwards")] = 0.0,
+    turn: Annotated[float, typer.Option(min=-0.3, max=0.3, help="rad/s, to the left")] = 0.0,
+    seconds: Annotated[float, typer.Option(min=0, help="0: until Ctrl-C")] = 0,
+    runtime: RunningOption = None,
+) -> None:
+    """Move the robot by hand, through the gate. `davpc jog`
+
+    With neither --speed nor --turn by the arrow keys, for as long as one is held.
+    """
+    from station.operate.manual import Keys
+
+    by_keys = not speed and not turn
+    if by_keys and not sys.stdin.isatty():
+        raise typer.BadParameter("give --speed or --turn, or hold arrow keys at a terminal")
+    with _held() as let_go, _hand_on(runtime) as link, _keyboard(by_keys) as typed:
+        keys = Keys(0.05, 0.2)
+        since_ns: list[int] = []
+
+        def steer(felt: Felt) -> tuple[float, float] | None:
+            since_ns.append(felt.now_ns) if not since_ns else None
+            if let_go() or (seconds and felt.now_ns - since_ns[0] >= seconds * 1e9):
+                return None
+            if not by_keys:
+                return speed, turn
+            strokes = typed()
+            return None if strokes.endswith("q") else keys.step(felt.now_ns, strokes)
+
+        typer.echo("hold an arrow key to move, q ends" if by_keys else "moving; Ctrl-C stops")
+        _end(link.hold(steer), let_go)
+
+
+def grip(
+    action: Annotated[Literal["open", "close"], typer.Argument(help="what the fingers do; the arms stay")],
+    runtime: RunningOption = None,
+) -> None:
+    """Open or close both grippers. `davpc grip open`
+
+    Letting go with Ctrl-C holds them as they are.
+    """
+    from station.operate.manual import Fingers
+
+    wanted: Literal["open", "closed"] = "open" if action == "open" else "closed"
+    fingers = Fingers(wanted)
+    last: list[Felt] = []
+
+    def steer(felt: Felt) -> tuple[float, float] | None:
+        last[:] = [felt]
+        return None if let_go() else fingers.step(felt)
+
+    with _held() as let_go, _hand_on(runtime) as link:
+        _end(link.hold(steer, grip=wanted), let_go)
+    arms = last[0].arms if last else None
+    state = "open" if arms and arms.released else "hold something" if arms and arms.gripped else "hold nothing"
+    typer.echo(f"grippers {state}")
+    if arms is None or (action == "open") != arms.released:
+        raise typer.Exit(1)
+
+
+def lift(
+    height_mm: Annotated[float, typer.Argument(metavar="MM", min=0, max=1000, help="above its lowest place")],
+    runtime: RunningOption = None,
+) -> None:
+    """Move the lift to a height. `davpc lift 200`
+
+    Letting go with Ctrl-C holds it where it is.
+    """
+    wanted_m = height_mm / 1000.0
+    reached: list[float] = []
+
+    def steer(felt: Felt) -> tuple[float, float] | None:
+        if felt.drives is not None:
+            reached[:] = [felt.drives.lift_m]
+        there = bool(reached) and abs(reached[0] - wanted_m) <= _LIFT_TOLERANCE_M
+        return None if there or let_go() else (0.0, 0.0)
+
+    with _held() as let_go, _hand_on(runtime) as link:
+        _end(link.hold(steer, lift_m=wanted_m), let_go)
+    typer.echo(f"lift at {1000.0 * reached[0]:.1f} mm" if reached else "the lift did not move")
+    if not reached or abs(reached[0] - wanted_m) > _LIFT_TOLERANCE_M:
+        raise typer.Exit(1)
+
+
+def _hand_on(runtime: Path | None) -> ManualLink:
+    """The connection to the robot that runs here, or in the named folder."""
+    from station.operate.link import running_robot
+    from station.operate.manual import ManualLink
+
+    return ManualLink(running_robot(runtime), configured_namespace())
+
+
+def _end(cause: str, let_go: Callable[[], bool]) -> None:
+    if cause:
+        raise DeviceError(f"stopped: {cause}")
+    typer.echo("let go" if let_go() else "done")
+
+
+@contextlib.contextmanager
+def _held() -> Iterator[Callable[[], bool]]:
+    """Whether the command was let go: Ctrl-C, SIGTERM, a closed terminal."""
+    from station.simulate.children import interruptible
+
+    with interruptible() as seen:
+        yield seen
+
+
+@contextlib.contextmanager
+def _keyboard(wanted: bool) -> Iterator[Callable[[], str]]:
+    """What was typed since the last call, without waiting for a line to end; the terminal is put back afterwards."""
+    if not wanted:
+        yield lambda: ""
+        return
+    terminal = sys.stdin.fileno()
+    before = termios.tcgetattr(terminal)
+
+    def typed() -> str:
+        ready = select.select([terminal], [], [], 0)[0]
+        return os.read(terminal, 64).decode("ascii", "replace") if ready else ""
+
+    tty.setcbreak(terminal)
+    try:
+        yield typed
+    finally:
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)

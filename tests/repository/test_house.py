@@ -1,0 +1,123 @@
+"""The house rules that no import linter can see."""
+
+from __future__ import annotations
+
+import ast
+import re
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+
+from common.channels import CHANNELS
+from common.node import Node
+from common.processes import ENTRY_POINTS, PROCESSES, process
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("common", "follower", "gateway", "leader", "sim", "station", "experiments")
+NODES = {path for package in PACKAGES for path in (ROOT / package).rglob("node.py")}
+# files that are executors, devices, or for people: they may know the time
+WITH_CLOCK = {
+    "common/timing.py",
+    "common/bus.py",
+    "common/executor.py",
+    "common/file_writer.py",
+    "sim/can/server.py",
+}
+
+
+def modules_of(path: Path) -> set[str]:
+    tree = ast.parse(path.read_text())
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found.add(node.module.split(".")[0])
+    return found
+
+
+def sources(*packages: str) -> list[Path]:
+    return [path for package in packages for path in sorted((ROOT / package).rglob("*.py"))]
+
+
+def test_every_process_has_an_entry_point_and_no_entry_point_lacks_a_process() -> None:
+    assert {entry.name for entry in entry_points(group=ENTRY_POINTS)} == {entry.name for entry in PROCESSES}
+
+
+@pytest.mark.parametrize("name", [entry.name for entry in PROCESSES])
+def test_every_nodes_name_and_channels_fit_the_tables(name: str) -> None:
+    factory = process(name).factory()
+    module = __import__(factory.__module__, fromlist=["make"])
+    (node_type,) = {
+        value
+        for value in vars(module).values()
+        if isinstance(value, type) and issubclass(value, Node) and getattr(value, "name", None) == name
+    }
+    assert all(channel.publisher == name for channel in node_type.outputs if channel.kind == "state")
+    assert all(channel.publisher == name for channel in node_type.serves)
+
+
+def test_keys_and_names_are_unique() -> None:
+    keys = [channel.key for channel in CHANNELS]
+    names = [entry.name for entry in PROCESSES]
+    assert len(set(keys)) == len(keys)
+    assert len(set(names)) == len(names)
+
+
+def test_the_architecture_shows_the_tables_as_they_are() -> None:
+    page = (ROOT / "ARCHITECTURE.md").read_text()
+    for entry in PROCESSES:
+        assert f"| {entry.name} | {entry.robot} | {entry.rate_hz:g} | {entry.stepped_by} | {entry.priority} |" in page
+    for channel in CHANNELS:
+        rate = f"{channel.rate_hz:g}" if channel.rate_hz else "–"
+        age = f"{channel.max_age_ms:g}" if channel.max_age_ms else "–"
+        leaves = "yes" if channel.reach == "pair" else "no"
+        row = f"| {channel.key} | {channel.message.__name__} | {channel.publisher} | {rate} | {age} | {leaves} |"
+        assert row in page
+
+
+def test_motion_keys_stay_on_the_robot() -> None:
+    assert all(channel.reach == "robot" for channel in CHANNELS if "/motion/" in channel.key)
+
+
+def test_algorithms_read_no_clock_and_start_no_thread() -> None:
+    offenders = {
+        f"{path.relative_to(ROOT)}: {module}"
+        for path in sources("common", "follower", "leader", "sim")
+        if str(path.relative_to(ROOT)) not in WITH_CLOCK and path not in NODES
+        for module in modules_of(path) & {"time", "threading", "asyncio", "multiprocessing"}
+    }
+    allowed = {"common/node.py: threading"}  # the inbox's lock
+    drivers = {o for o in offenders if o.startswith(("common/canopen/bus.py", "follower/camera/"))}
+    assert offenders - allowed - drivers == set()
+
+
+def test_the_simulated_backend_is_named_only_where_the_design_allows_it() -> None:
+    """Configuration, ``davpc sim``, experiments and tests; elsewhere it is found through entry points."""
+    named = {
+        str(path.relative_to(ROOT))
+        for path in sources("common", "follower", "leader", "station")
+        if "sim" in modules_of(path) or re.search(r"\bif\b.*simulat", path.read_text())
+    }
+    assert all(name.startswith("station/simulate/") for name in named)
+
+
+def test_zenoh_and_can_are_behind_one_door_each() -> None:
+    using = {
+        module: {str(p.relative_to(ROOT)) for p in sources(*PACKAGES) if module in modules_of(p)}
+        for module in ("zenoh", "can", "canopen")
+    }
+    doors = {module: {path for path in files if not path.startswith("sim/")} for module, files in using.items()}
+    assert doors == {
+        "zenoh": {"common/bus.py"},
+        "can": {"common/canopen/bus.py"},
+        "canopen": {"common/canopen/node.py"},
+    }
+
+
+def test_no_path_of_one_machine_is_written_down() -> None:
+    pattern = re.compile(r"/(?:root|home/\w+|work)/")
+    for path in [*sources(*PACKAGES, "tests"), *ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]:
+        if path != Path(__file__):
+            assert not pattern.search(path.read_text()), path

@@ -1,0 +1,1 @@
+"""What tests of several packages share: rigs, walks, and the judge of the host."""

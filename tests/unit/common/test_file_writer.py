@@ -1,0 +1,56 @@
+"""What is written beside a loop: in order, whole, bounded, and never in the loop's way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from common.file_writer import BackgroundWriter, replace_file, state_directory
+
+
+def test_lines_come_in_order_and_files_whole(tmp_path: Path) -> None:
+    writer = BackgroundWriter(limit=1000)
+    for number in range(100):
+        writer.append_line(tmp_path / "new" / "lines", str(number))
+        writer.replace(tmp_path / "count", f"{number}\n")
+    writer.close(20.0)
+    assert (tmp_path / "new" / "lines").read_text().split() == [str(number) for number in range(100)]
+    assert (tmp_path / "count").read_text() == "99\n"
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+    assert (writer.fault, writer.dropped) == ("", 0)
+
+
+def test_what_cannot_be_written_is_named_and_stops_nothing(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    writer = BackgroundWriter()
+    writer.append_line(blocked / "lines", "lost")
+    assert writer.wait_idle(20.0)
+    assert "file" in writer.fault
+    assert writer.dropped == 1
+    writer.append_line(tmp_path / "lines", "kept")
+    writer.close(20.0)
+    assert writer.fault == ""
+    assert (tmp_path / "lines").read_text() == "kept\n"
+
+
+def test_a_failed_replacement_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "count"
+    replace_file(path, "old\n")
+
+    def full(_descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        replace_file(path, "new\n")
+    assert path.read_text() == "old\n"
+
+
+def test_the_state_lies_where_it_is_configured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    assert state_directory("", tmp_path) == tmp_path
+    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/davpc:/var/lib/other")
+    assert state_directory("", tmp_path) == Path("/var/lib/davpc")
+    assert state_directory("/srv/davpc", tmp_path) == Path("/srv/davpc")

@@ -1,0 +1,94 @@
+"""The retry with another exposure: once, kept while it helps, taken back where it does not; and that it helps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from common.config import Config
+from common.frame_ring import Image
+from common.geometry import Pose2
+from common.messages import Frame, StateCause
+from follower.camera.exposure import FACTOR, ExposureRetry
+from follower.estimator.state import StateEstimator
+from sim.optics.image import Optics, View
+from sim.optics.scenes import Scene
+
+FRAME_NS = 16_666_667
+CONFIGURED_US = 600.0
+
+
+class Told:
+    """The retry, told a cause for some frames at a time."""
+
+    def __init__(self) -> None:
+        self.retry = ExposureRetry(CONFIGURED_US, 60.0)
+        self.frame = 0
+
+    def by(self, cause: StateCause, frames: int) -> list[float]:
+        begin, self.frame = self.frame, self.frame + frames
+        return [self.retry.judge(number * FRAME_NS, cause) for number in range(begin, self.frame)]
+
+
+@pytest.mark.parametrize(("cause", "factor"), [("underexposed", FACTOR), ("overexposed", 1.0 / FACTOR)])
+def test_after_100_ms_one_other_exposure_is_tried_and_taken_back(cause: StateCause, factor: float) -> None:
+    told = Told()
+    assert set(told.by("ok", 10) + told.by(cause, 6)) == {CONFIGURED_US}
+    assert set(told.by(cause, 30)[1:]) == {factor * CONFIGURED_US}
+    assert set(told.by(cause, 200)[2:]) == {CONFIGURED_US}, "no second try"
+    told.by("ok", 1)
+    assert factor * CONFIGURED_US in told.by(cause, 10), "seen meanwhile: another one"
+
+
+def test_an_exposure_that_helps_stays_while_it_helps() -> None:
+    told = Told()
+    told.by("underexposed", 10)
+    assert set(told.by("confirming", 5) + told.by("ok", 300)) == {FACTOR * CONFIGURED_US}
+    assert set(told.by("few_leds", 20)) == {FACTOR * CONFIGURED_US}, "somebody walks by"
+    assert told.by("few_leds", 40)[-1] == CONFIGURED_US
+    assert told.by("underexposed", 10)[-1] == FACTOR * CONFIGURED_US, "it is known to help"
+
+
+def test_a_glimpse_of_bad_light_changes_nothing() -> None:
+    told = Told()
+    for _ in range(20):
+        assert set(told.by("overexposed", 5) + told.by("few_leds", 5)) == {CONFIGURED_US}
+
+
+def test_light_that_is_bad_but_for_a_frame_counts_as_bad() -> None:
+    told = Told()
+    for _ in range(3):
+        told.by("underexposed", 4)
+        told.by("few_leds", 1)
+    assert told.by("underexposed", 1) == [FACTOR * CONFIGURED_US]
+
+
+def test_an_exposure_never_outlasts_its_frame() -> None:
+    retry = ExposureRetry(10_000.0, 60.0)
+    longest = [retry.judge(number * FRAME_NS, "underexposed") for number in range(10)][-1]
+    assert 10_000.0 < longest < 1e6 / 60.0
+
+
+@pytest.mark.parametrize(("darkened", "distance_m"), [(0.05, 8.0), (0.05, 6.0)])
+def test_leds_too_dim_are_underexposed_and_the_retry_finds_them(
+    config: Config, darkened: float, distance_m: float
+) -> None:
+    estimator, optics = StateEstimator(config), Optics(config.camera, config.leds, 1)
+    retry = ExposureRetry(config.camera.exposure_us, config.camera.rate_hz)
+    image: Image = np.zeros((config.camera.height_px, config.camera.width_px), np.uint8)
+    exposure_us, causes = config.camera.exposure_us, []
+    for sequence in range(1, 40):
+        light = darkened * exposure_us / config.camera.exposure_us
+        optics.render(
+            image, View(sequence, Pose2(distance_m, 0.2, 0.05), (1.0,) * 4, scene=Scene(exposure_factor=light))
+        )
+        camera = config.camera
+        note = Frame(
+            sequence, 0, sequence * FRAME_NS, "x", camera.width_px, camera.height_px, exposure_us, camera.gain
+        )
+        state = estimator.step(note, image, (0.0, 0.0), None)
+        causes.append(state.cause)
+        exposure_us = retry.judge(sequence * FRAME_NS, state.cause)
+    assert set(causes[:6]) == {"underexposed"}
+    assert causes[-1] == "ok"
+    assert exposure_us == FACTOR * config.camera.exposure_us

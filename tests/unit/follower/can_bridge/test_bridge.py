@@ -1,0 +1,233 @@
+"""Arming, stopping and resetting: what the bridge decides around the gate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from common.canopen.cia402 import DriveState
+from common.config import Config
+from common.messages import ArmSetpoint, Command, Header, Mission, seal_command
+from common.node import Received
+from common.timing import NS_PER_MS, NS_PER_S
+from follower.can_bridge.bridge import Bridge, Heard
+from follower.can_bridge.gate import SignedCommand
+from follower.can_bridge.measurement import DriveSetpoint, Measurement
+from tests.unit.follower.supervisor.test_sequence import Bench
+
+BOOT = "boot"
+HEALTHY = Measurement(
+    0, 0, (0.0, 0.0), (0.0, 0.0), (0.0,) * 6, (0.0,) * 6, (0.0, 0.0), (0.0, 0.0), 0.2, True, True, True, 25.0,
+    (DriveState.ENABLED,) * 11, True, True, True, (), 0, 0,
+)  # fmt: skip
+
+
+class Rig:
+    """A bridge, and a mission and measurement that stay fresh while time goes on."""
+
+    def __init__(self, config: Config, mission: Mission) -> None:
+        self.bridge = Bridge(config, BOOT)
+        self.mission = mission
+        self.measured = HEALTHY
+        self.now_ns = NS_PER_S
+        self.power: list[str | None] = []
+        self.commanded = self.arms_lag = False
+        self.v_m_s = 0.0
+        self.token_ns: int | None = None
+        self.setpoint = DriveSetpoint()
+
+    def run(self, cycles: int = 1) -> str:
+        for _ in range(cycles):
+            self.now_ns += 10 * NS_PER_MS
+            header = Header("x", 1, 1, self.now_ns, BOOT)
+            arms = ArmSetpoint(self.mission.epoch - self.arms_lag, (0.0,) * 6, (0.0, 0.0), 0.2)
+            heard = Heard(
+                self.now_ns,
+                self._command(),
+                Received(self.mission, replace(header, stamp_ns=self.token_ns or self.now_ns), self.now_ns),
+                Received(arms, header, self.now_ns),
+            )
+            self.measured = replace(self.measured, now_ns=self.now_ns, measured_ns=self.now_ns)
+            orders = self.bridge.step(heard, self.measured)
+            self.power.append(orders.power)
+            self.setpoint = orders.setpoint
+        return self.bridge.state
+
+    def _command(self) -> SignedCommand | None:
+        """To go at ``v_m_s``, once it is ``commanded``."""
+        if not self.commanded:
+            return None
+        sequence, until_ns = self.now_ns // (10 * NS_PER_MS), self.now_ns + 100 * NS_PER_MS
+        told = Command(self.v_m_s, 0.0, self.mission.epoch, sequence, self.now_ns, until_ns, 1, self.now_ns)
+        return SignedCommand(seal_command(told), 1, BOOT)
+
+
+@pytest.fixture
+def rig(config: Config) -> Rig:
+    bench = Bench(config)
+    rig = Rig(config, bench.step().mission)
+    assert rig.run() == "disarmed"
+    bench.to_approach()
+    assert bench.mission is not None
+    rig.mission = bench.mission
+    assert rig.run(3) == "armed"
+    return rig
+
+
+@pytest.mark.parametrize(
+    ("trouble", "state", "cause"),
+    [
+        ({"faults": ("left wheel: over-current",)}, "fault", "left wheel: over-current"),
+        ({"silent": ("left wheel: node 1 is silent",)}, "stopped", "node_silent: left wheel: node 1 is silent"),
+        ({"bad_frames": "CAN bus: 3 frames"}, "stopped", "bad_frames: CAN bus: 3 frames"),
+        ({"silent": ("lift: silent",), "faults": ("left wheel: over-current",)}, "fault", "left wheel: over-current"),
+    ],
+)
+def test_what_was_wrong_for_a_moment_is_kept_until_a_new_epoch(
+    rig: Rig, trouble: dict[str, Any], state: str, cause: str
+) -> None:
+    rig.measured = replace(rig.measured, **trouble)
+    assert rig.run() == state
+    rig.measured = replace(rig.measured, faults=(), silent=(), bad_frames="")
+    assert rig.run(20) == "stopped"
+    assert rig.bridge.cause == cause
+    rig.mission = replace(rig.mission, armed=False)
+    rig.run(2)
+    rig.mission = replace(rig.mission, armed=True, epoch=rig.mission.epoch + 1)
+    assert rig.run(2) == "armed"
+
+
+@pytest.mark.parametrize(
+    ("angles", "cause"),
+    [({"wheel_angle_rad": (0.0, 0.7)}, "measured_jump"), ({"joint_angle_rad": (0.3, *(0.0,) * 5)}, "arm_jump")],
+)
+def test_an_encoder_whose_angle_jumps_stops_and_disarms(rig: Rig, angles: dict[str, Any], cause: str) -> None:
+    rig.commanded = True
+    assert rig.run(5) == "armed"
+    rig.measured = replace(rig.measured, **angles)
+    assert rig.run() == "stopped"
+    assert rig.bridge.cause == cause
+    assert rig.run(20) == "stopped"
+    rig.mission = replace(rig.mission, epoch=rig.mission.epoch + 1)
+    assert rig.run(2) == "armed"
+
+
+def test_arms_are_not_enabled_before_somebody_leads_them_under_the_new_epoch(rig: Rig) -> None:
+    rig.mission = replace(rig.mission, armed=False)
+    assert rig.run(2) == "disarmed"
+    rig.mission = replace(rig.mission, armed=True, epoch=rig.mission.epoch + 1)
+    rig.arms_lag = True
+    rig.measured = replace(rig.measured, arms_enabled=False)
+    rig.power.clear()
+    assert rig.run(30) == "enabling"
+    assert rig.bridge.cause == "arm_epoch"
+    assert set(rig.power) == {"stop_arms"}
+    rig.arms_lag = False
+    assert rig.run() == "enabling"
+    assert rig.power[-1] == "enable"
+    rig.measured = replace(rig.measured, arms_enabled=True)
+    assert rig.run() == "armed"
+
+
+def test_wheels_that_are_still_in_operation_wait_for_the_arms(rig: Rig) -> None:
+    rig.mission = replace(rig.mission, armed=False)
+    rig.run(2)
+    rig.mission = replace(rig.mission, armed=True, epoch=rig.mission.epoch + 1, v_max_m_s=0.3)
+    rig.arms_lag, rig.commanded, rig.v_m_s = True, True, 0.2
+    rig.measured = replace(rig.measured, arms_enabled=False)
+    assert rig.run(30) == "enabling"
+    assert rig.setpoint.left_rad_s == rig.setpoint.right_rad_s == 0.0
+    rig.arms_lag = False
+    rig.measured = replace(rig.measured, arms_enabled=True)
+    assert rig.run(30) == "armed"
+    assert rig.setpoint.left_rad_s > 0.0
+
+
+def test_a_first_enabling_that_is_broken_off_leaves_the_arms_holding(config: Config, rig: Rig) -> None:
+    fresh = Rig(config, replace(rig.mission, armed=False))
+    assert fresh.run(2) == "disarmed"
+    fresh.mission = rig.mission
+    fresh.measured = replace(fresh.measured, wheels_enabled=False, arms_enabled=False)
+    assert fresh.run(2) == "enabling"
+    assert fresh.power[-1] == "enable"
+    fresh.token_ns = fresh.now_ns - NS_PER_S
+    assert fresh.run(2) == "stopped"
+    assert fresh.power[-1] == "stop_arms"
+
+
+def test_a_token_that_goes_old_before_the_drives_follow_ends_the_epoch(rig: Rig) -> None:
+    rig.mission = replace(rig.mission, epoch=rig.mission.epoch + 1)
+    rig.measured = replace(rig.measured, wheels_enabled=False)
+    assert rig.run(3) == "enabling"
+    rig.token_ns = rig.now_ns
+    assert rig.run(19) == "enabling"
+    assert rig.run(4) == "stopped"
+    assert rig.bridge.cause == "token_age"
+    rig.token_ns = None
+    assert rig.run(5) == "stopped"
+
+
+def test_a_restarted_bridge_refuses_the_epoch_that_it_finds_armed(config: Config, rig: Rig) -> None:
+    fresh = Rig(config, rig.mission)
+    assert fresh.run(50) == "stopped"
+    assert fresh.bridge.cause == "bridge_restarted"
+    assert "enable" not in fresh.power
+
+
+def test_after_a_stall_of_the_bridge_a_new_epoch_waits_until_the_latch_is_released(rig: Rig) -> None:
+    rig.measured = replace(rig.measured, stalled="bridge: stood still for 99 ms", wheels_enabled=False)
+    rolling = replace(rig.measured, wheel_speed_rad_s=(2.0, 2.0))
+    rig.measured = rolling
+    assert rig.run(10) == "stopped"
+    assert rig.bridge.cause == "bridge_stalled"
+    rig.mission = replace(rig.mission, epoch=rig.mission.epoch + 1)
+    rig.power.clear()
+    assert rig.run(20) == "enabling"
+    assert set(rig.power) == {"stop_arms"}
+    rig.measured = replace(rig.measured, wheel_speed_rad_s=(0.0, 0.0))
+    assert rig.run(52) == "enabling"
+    assert rig.power[-1] == "disable"
+    assert "enable" not in rig.power
+    rig.measured = replace(rig.measured, stalled="")
+    assert rig.run(2) == "enabling"
+    assert rig.power[-1] == "enable"
+    rig.measured = replace(rig.measured, wheels_enabled=True)
+    assert rig.run(2) == "armed"
+
+
+def test_a_stall_stops_the_epoch_in_which_it_came_for_good(rig: Rig) -> None:
+    rig.measured = replace(rig.measured, stalled="bridge: stood still for 99 ms")
+    assert rig.run(3) == "stopped"
+    rig.measured = replace(rig.measured, stalled="")
+    assert rig.run(60) == "stopped"
+    assert rig.bridge.cause == "bridge_stalled"
+
+
+def test_armed_and_never_commanded_it_stops_by_name(rig: Rig) -> None:
+    assert rig.run(190) == "armed"
+    assert rig.run(20) == "stopped"
+    assert rig.bridge.cause == "no_command"
+    rig.mission = replace(rig.mission, epoch=rig.mission.epoch + 1)
+    assert rig.run(190) == "armed"
+
+
+def test_faults_are_acknowledged_once_on_request_and_only_disarmed(rig: Rig) -> None:
+    rig.mission = replace(rig.mission, resets=1)
+    rig.run(3)
+    assert "reset" not in rig.power
+    rig.mission = replace(rig.mission, armed=False)
+    rig.run(3)
+    rig.mission = replace(rig.mission, resets=2)
+    rig.run(5)
+    assert rig.power.count("reset") == 1
+
+
+def test_disarmed_it_disables_after_half_a_second_of_standstill(rig: Rig) -> None:
+    rig.mission = replace(rig.mission, armed=False)
+    rig.power.clear()
+    rig.run(30)
+    assert "disable" not in rig.power
+    rig.run(30)
+    assert rig.power[-1] == "disable"

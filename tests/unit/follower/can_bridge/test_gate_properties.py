@@ -1,0 +1,132 @@
+"""What must hold at every step of the gate, over a million random steps and over Hypothesis' worst ideas."""
+
+from __future__ import annotations
+
+import math
+import os
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from common.messages import PHASES, Command, Phase, seal_command
+from follower.can_bridge.gate import ArmToken, Gate, SignedCommand, StopInputs, WheelStatus
+from tests.rigs.gate_walk import BASE, BOOT, EPS, LIMITS, MS, Walk
+
+SHARDS = 8
+STEPS = int(os.environ.get("GATE_STEPS", "200000")) // SHARDS
+"""`make prove` walks the million; one `make test` a fifth of it."""
+
+
+@pytest.mark.parametrize("seed", range(SHARDS))
+def test_a_random_walk_breaks_no_invariant(seed: int) -> None:
+    walk = Walk(seed)
+    rules: set[str] = set()
+    for _ in range(STEPS):
+        decision = walk.step()
+        rules.update((decision.rule, decision.dropped, *decision.clipped))
+    assert walk.moved > STEPS // 10
+    assert {"stop_input", "status_age", "token_age", "token_caps", "command_age", "cap", "rate"} <= rules
+
+
+moments = st.integers(0, 400)
+steps = st.lists(
+    st.fixed_dictionaries(
+        {
+            "after_ms": st.integers(-20, 300),
+            "v": st.floats(-10.0, 10.0),
+            "w": st.floats(-10.0, 10.0),
+            "sequence": st.integers(0, 12),
+            "command_epoch": st.integers(0, 2),
+            "command_age_ms": st.integers(-50, 300),
+            "run_id": st.integers(5, 6),
+            "token_epoch": st.integers(0, 2),
+            "token_age_ms": st.integers(-50, 400),
+            "armed": st.booleans(),
+            "cap": st.sampled_from((0.0, 0.05, 0.5, 9.0, math.nan, math.inf, -1.0)),
+            "phase": st.sampled_from(("approach", "approach", "approach", "push", "idle")),
+            "status_age_ms": st.integers(-50, 100),
+            "rims": st.tuples(*[st.floats(-1.0, 1.0) | st.sampled_from((0.0, math.nan, math.inf))] * 2),
+            "follow": st.booleans(),
+            "inputs": st.tuples(*[st.integers(0, 9).map(bool)] * 3),
+        }
+    ),
+    min_size=1,
+    max_size=5,
+)
+
+
+@settings(max_examples=2000, deadline=None, suppress_health_check=list(HealthCheck))
+@given(steps)
+def test_no_sequence_of_inputs_moves_the_wheels_against_the_rules(given_steps: list[dict[str, object]]) -> None:
+    gate, now_ns, last_v, last_w = _under_way()
+    for step in given_steps:
+        said: dict[str, object] = step
+        after_ms = _int(said["after_ms"])
+        now_ns += after_ms * MS
+        stamp = now_ns - _int(said["command_age_ms"]) * MS
+        command = seal_command(
+            Command(
+                _float(said["v"]),
+                _float(said["w"]),
+                _int(said["command_epoch"]),
+                _int(said["sequence"]),
+                stamp,
+                stamp + 120 * MS,
+                1,
+                stamp,
+            )
+        )
+        cap = _float(said["cap"])
+        token_ns = now_ns - _int(said["token_age_ms"]) * MS
+        phase: Phase = next(known for known in PHASES if known == said["phase"])
+        token = ArmToken(bool(said["armed"]), token_ns, BOOT, _int(said["token_epoch"]), phase, cap, cap)
+        rims = (last_v, last_v) if said["follow"] else said["rims"]
+        assert isinstance(rims, tuple)
+        radius = BASE.wheel_radius_m
+        status_ns = now_ns - _int(said["status_age_ms"]) * MS
+        status = WheelStatus(status_ns, rims[0] / radius, rims[1] / radius, True, 0.0, 0.0)
+        inputs = said["inputs"]
+        assert isinstance(inputs, tuple)
+        decision = gate.step(
+            now_ns, SignedCommand(command, _int(said["run_id"]), BOOT), token, status, StopInputs(*inputs)
+        )
+        v, w = decision.v_m_s, decision.w_rad_s
+        if v or w:
+            assert all(inputs)
+            assert token.armed
+            assert 0 <= now_ns - token_ns <= 200 * MS
+            assert 0 <= now_ns - status_ns <= 50 * MS
+            assert -min(0.1, cap) - EPS <= v <= min(0.5, cap) + EPS
+            assert abs(w) <= min(0.6, cap) + EPS
+            allowed = min(max(after_ms, 0), 20) / 1000
+            assert abs(v) <= abs(last_v) + 0.5 * allowed + EPS
+            assert abs(w) <= abs(last_w) + 2.0 * allowed + EPS
+        assert math.isfinite(v)
+        assert math.isfinite(w)
+        last_v, last_w = v, w
+
+
+def _under_way() -> tuple[Gate, int, float, float]:
+    """A gate that has driven for a tenth of a second, the time, and what it last let through."""
+    gate, now_ns, last = Gate(LIMITS, BASE, BOOT), 10_000 * MS, (0.0, 0.0)
+    first = seal_command(Command(0.3, 0.2, 1, 1, now_ns, now_ns + 1000 * MS, 1, now_ns))
+    for n in range(12):
+        left, right = last[0] - last[1] / 4, last[0] + last[1] / 4
+        status = WheelStatus(now_ns, left / BASE.wheel_radius_m, right / BASE.wheel_radius_m, True, 0.0, 0.0)
+        token = ArmToken(True, now_ns, BOOT, 1, "approach", 0.5, 0.6)
+        decision = gate.step(now_ns, SignedCommand(first, 5, BOOT), token, status, StopInputs(True, True, True))
+        last = (decision.v_m_s, decision.w_rad_s)
+        now_ns += 10 * MS * (n < 11)
+    assert decision.rule == ""
+    return gate, now_ns, *last
+
+
+def _int(value: object) -> int:
+    assert isinstance(value, int)
+    return value
+
+
+def _float(value: object) -> float:
+    assert isinstance(value, float)
+    return value

@@ -1,0 +1,52 @@
+"""What a station takes for the end of a process that somebody else started."""
+
+from __future__ import annotations
+
+from typing import cast
+
+from common.bus import Bus
+from common.timing import NS_PER_S, MonotonicClock, SteppedClock
+from station.simulate.children import Absence
+
+
+class PlayedBus:
+    """Says who is alive."""
+
+    def __init__(self) -> None:
+        self.names: set[str] = set()
+        self.asked = 0
+
+    def alive(self) -> set[str]:
+        self.asked += 1
+        return set(self.names)
+
+
+def test_only_a_near_process_that_was_seen_before_counts_as_gone() -> None:
+    bus, clock = PlayedBus(), SteppedClock()
+    absence = Absence(cast(Bus, bus), {"follower-camera", "world"}, cast(MonotonicClock, clock))
+
+    def after_a_second() -> str:
+        clock.advance_to(clock.now_ns() + NS_PER_S)
+        return absence()
+
+    assert after_a_second() == ""
+    bus.names = {"follower-camera", "leader"}
+    assert after_a_second() == ""
+    bus.names = {"follower-camera"}
+    assert after_a_second() == ""
+    bus.names = set()
+    assert (after_a_second(), after_a_second()) == ("", "")
+    bus.names = {"follower-camera"}
+    assert after_a_second() == ""
+    bus.names = set()
+    assert (after_a_second(), after_a_second()) == ("", "")
+    assert after_a_second() == "process follower-camera died (no longer alive)"
+
+
+def test_the_bus_is_asked_once_a_second() -> None:
+    bus, clock = PlayedBus(), SteppedClock()
+    absence = Absence(cast(Bus, bus), {"world"}, cast(MonotonicClock, clock))
+    for _ in range(50):
+        absence()
+        clock.advance_to(clock.now_ns() + NS_PER_S // 10)
+    assert bus.asked == 5
