@@ -155,7 +155,7 @@ def approach_samples(job: Job) -> tuple[WorldConfig, list[Sample]]:
         left_m = end - bench.contact.beam_x_m
         # the same deceleration as the controller's cap at its steepest
         wanted = min(speed, (0.3 * max(0.0, left_m)) ** 0.5)
-        samples.append(bench.cycle(wanted, push=False))
+        samples.append(bench.cycle(wanted, contact_expected=False))
         if left_m < 0.01:
             break
     return world, samples

@@ -97,10 +97,10 @@ class ContactBench:
         """The robot along {L}."""
         return self._robot_x_m
 
-    def cycle(self, speed_m_s: float, push: bool, grip: Literal["open", "closed"] = "closed") -> Sample:
+    def cycle(self, speed_m_s: float, contact_expected: bool, grip: Literal["open", "closed"] = "closed") -> Sample:
         """10 ms: what was measured one cycle ago goes to the arms, what they answered then to the motors."""
-        if (push, grip) != (self._mission.push, self._mission.grip):
-            self._mission = replace(self._mission, push=push, grip=grip)
+        if (contact_expected, grip) != (self._mission.contact_expected, self._mission.grip):
+            self._mission = replace(self._mission, contact_expected=contact_expected, grip=grip)
         limit = self._config.limits.gate_acceleration_m_s2 * CYCLE_NS / 1e9
         self._told_m_s += min(limit, max(-limit, speed_m_s - self._told_m_s))
         self._obey()
@@ -171,7 +171,6 @@ def resting_mission(config: Config) -> Mission:
         phase="approach",
         cause="",
         trolley=1,
-        method="davpc",
         epoch=1,
         armed=True,
         motion="hold",
@@ -181,6 +180,6 @@ def resting_mission(config: Config) -> Mission:
         goal_theta_rad=goal.theta_rad,
         desired_features=tuple((float(a), float(b)) for a, b in features),
         grip="closed",
-        push=False,
+        contact_expected=False,
         resets=0,
     )

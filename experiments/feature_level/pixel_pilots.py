@@ -74,7 +74,6 @@ def _uncapped(task: Task) -> Mission:
         phase="approach",
         cause="",
         trolley=1,
-        method=task.config.controller.method,
         epoch=1,
         armed=True,
         motion="servo",
@@ -84,6 +83,6 @@ def _uncapped(task: Task) -> Mission:
         goal_theta_rad=task.goal.theta_rad,
         desired_features=tuple((float(a), float(b)) for a, b in task.desired),
         grip="closed",
-        push=False,
+        contact_expected=False,
         resets=0,
     )

@@ -82,7 +82,6 @@ class Feeder:
             phase="approach",
             cause="",
             trolley=1,
-            method="paper",
             epoch=self.epoch,
             armed=self.armed,
             motion="straight",
@@ -92,6 +91,6 @@ class Feeder:
             goal_theta_rad=goal.theta_rad,
             desired_features=(),
             grip="closed",
-            push=False,
+            contact_expected=False,
             resets=0,
         )

@@ -55,7 +55,7 @@ class HandleHold:
         self._posture = posture
         force_n = float(handle_force(posture, drives.joint_torque_n_m)[0])
         ahead = drives.v_set_m_s > _DRIVING_M_S and drives.state == "armed" and self._holding
-        expected = mission is not None and mission.push
+        expected = mission is not None and mission.contact_expected
         self._touch.step(force_n, self._acceleration_m_s2, self._dt_s, rolling=ahead, expected=expected)
         if mission is not None and mission.epoch != self._epoch:
             self._epoch, self._cause = mission.epoch, "ok"

@@ -29,7 +29,7 @@ SETPOINT_MAX_AGE_MS: Final = 100
 
 
 @dataclass(frozen=True)
-class SignedArms:
+class StampedArms:
     """A set-point and what its envelope says."""
 
     setpoint: ArmSetpoint
@@ -73,7 +73,7 @@ class ArmGate:
         self._joints = len(config.joints)
         self._jumped = False
 
-    def step(self, now_ns: int, newest: SignedArms | None, epoch: int, measured: ArmMeasurement) -> ArmDecision:
+    def step(self, now_ns: int, newest: StampedArms | None, epoch: int, measured: ArmMeasurement) -> ArmDecision:
         """Decide what goes to the arms in this frame.
 
         Args:
@@ -97,7 +97,7 @@ class ArmGate:
         lift_m = max(0.0, min(self._lift_max_m, newest.setpoint.lift_m))
         return ArmDecision(slowed[:6], (slowed[6], slowed[7]), lift_m, "", tuple(clipped))
 
-    def _refusal(self, now_ns: int, newest: SignedArms | None, epoch: int) -> str:
+    def _refusal(self, now_ns: int, newest: StampedArms | None, epoch: int) -> str:
         if newest is None or newest.boot_id != self._boot_id:
             return "arm_setpoint_age"
         if not 0 <= now_ns - newest.stamp_ns <= SETPOINT_MAX_AGE_MS * NS_PER_MS:

@@ -10,8 +10,8 @@ from common.kinematics import twist_from_wheels, wheels_from_twist
 from common.messages import ArmSetpoint, Mission
 from common.node import Received
 from common.timing import NS_PER_S
-from follower.can_bridge.arm_gate import ArmDecision, ArmGate, ArmMeasurement, SignedArms
-from follower.can_bridge.gate import ArmToken, Decision, Gate, SignedCommand, StopInputs, WheelStatus
+from follower.can_bridge.arm_gate import ArmDecision, ArmGate, ArmMeasurement, StampedArms
+from follower.can_bridge.gate import ArmToken, Decision, Gate, StampedCommand, StopInputs, WheelStatus
 from follower.can_bridge.measurement import DriveSetpoint, Measurement
 
 State = Literal["starting", "disarmed", "enabling", "armed", "stopped", "fault"]
@@ -28,7 +28,7 @@ class Heard:
     """What the other processes said last; their ages are judged here and in the gate."""
 
     now_ns: int
-    command: SignedCommand | None
+    command: StampedCommand | None
     mission: Received[Mission] | None
     arms: Received[ArmSetpoint] | None
 
@@ -114,9 +114,9 @@ class Bridge:
 
     def _arms(self, heard: Heard, measured: Measurement) -> ArmDecision:
         newest = heard.arms
-        signed = SignedArms(newest.message, newest.header.stamp_ns, newest.header.boot_id) if newest else None
+        stamped = StampedArms(newest.message, newest.header.stamp_ns, newest.header.boot_id) if newest else None
         angles = (*measured.joint_angle_rad, *measured.grip_angle_rad)
-        return self._arm_gate.step(heard.now_ns, signed, self.epoch, ArmMeasurement(measured.measured_ns, angles))
+        return self._arm_gate.step(heard.now_ns, stamped, self.epoch, ArmMeasurement(measured.measured_ns, angles))
 
     def _follow(
         self, heard: Heard, measured: Measurement, decision: Decision, arms: ArmDecision, wanted: bool

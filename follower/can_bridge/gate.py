@@ -65,7 +65,7 @@ LATCHING: Final = frozenset({"second_writer"})
 
 
 @dataclass(frozen=True)
-class SignedCommand:
+class StampedCommand:
     """A command and what its envelope says: the writer's run and the boot that its stamps count from."""
 
     command: Command
@@ -148,7 +148,7 @@ class Gate:
     def step(
         self,
         now_ns: int,
-        newest: SignedCommand | None,
+        newest: StampedCommand | None,
         token: ArmToken | None,
         status: WheelStatus,
         inputs: StopInputs,
@@ -189,7 +189,7 @@ class Gate:
         self._sequence = -1
         self._latched = ""
 
-    def _take(self, newest: SignedCommand | None, token: ArmToken | None) -> str:
+    def _take(self, newest: StampedCommand | None, token: ArmToken | None) -> str:
         """Hold a new command if it is genuine; the reason if it is not. Age is judged on every frame, not here."""
         if newest is None or newest.command == self._held:
             return ""
@@ -200,7 +200,7 @@ class Gate:
             self._sequence = newest.command.sequence
         return reason
 
-    def _refusal(self, newest: SignedCommand, token: ArmToken | None) -> str:
+    def _refusal(self, newest: StampedCommand, token: ArmToken | None) -> str:
         command = newest.command
         if not (math.isfinite(command.v_m_s) and math.isfinite(command.w_rad_s)):
             return "not_finite"

@@ -12,7 +12,7 @@ from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
 from follower.can_bridge.bridge import Bridge, Heard, Orders
 from follower.can_bridge.drive_bus import DriveBus
-from follower.can_bridge.gate import Decision, SignedCommand
+from follower.can_bridge.gate import Decision, StampedCommand
 from follower.can_bridge.measurement import DriveSetpoint, Measurement
 from follower.can_bridge.shadow import Shadow
 
@@ -65,9 +65,9 @@ class CanBridgeNode(Node):
         if not self._measured.bus_ok and now_ns >= self._reopen_ns:
             self._reopen(now_ns)
         command = inputs.newest(COMMAND)
-        signed = SignedCommand(command.message, command.header.run_id, command.header.boot_id) if command else None
+        stamped = StampedCommand(command.message, command.header.run_id, command.header.boot_id) if command else None
         mission = None if self._readonly else inputs.newest(MISSION)
-        heard = Heard(now_ns, signed, mission, inputs.newest(ARM_SETPOINT))
+        heard = Heard(now_ns, stamped, mission, inputs.newest(ARM_SETPOINT))
         orders, setpoint = self._decide(heard, self._measured)
         self._request(orders)
         self._measured = self._bus.exchange(now_ns, setpoint)
@@ -75,7 +75,7 @@ class CanBridgeNode(Node):
             self._stalled = self._measured.stalled
             _log.warning("%s", self._stalled or "the stall is over: the drives may be enabled anew")
         self._say_unheard(self._measured)
-        self._time(orders.decision, signed)
+        self._time(orders.decision, stamped)
         if self._bridge.state != self._state:
             self._state = self._bridge.state
             _log.info("%s %s", self._state, self._bridge.cause)
@@ -124,7 +124,7 @@ class CanBridgeNode(Node):
         except DeviceError as error:
             _log.warning("%s", error)
 
-    def _time(self, decision: Decision, command: SignedCommand | None) -> None:
+    def _time(self, decision: Decision, command: StampedCommand | None) -> None:
         """From the image's capture to its command's first frame on the bus."""
         if command is not None and decision.sequence != self._sequence and decision.sequence >= 0:
             self._sequence = decision.sequence

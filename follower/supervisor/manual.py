@@ -95,7 +95,7 @@ class ManualMode:
             v_max_m_s=limits.manual_speed_m_s,
             w_max_rad_s=limits.manual_turn_rad_s,
             grip=wanted.grip,
-            push=False,
+            contact_expected=False,
             lift_m=wanted.lift_m,
         )
 

@@ -53,7 +53,7 @@ class Orders:
     turn_rate_rad_s: float = 0.0
     v_max_m_s: float = 0.0
     w_max_rad_s: float = 0.0
-    push: bool = False
+    contact_expected: bool = False
     waiting: str = ""
     lock_request: LockRequest | None = None
 
@@ -76,9 +76,15 @@ class Decided:
     lock_request: LockRequest | None = None
 
 
-def straight(speed_m_s: float, push: bool = False, waiting: str = "") -> Orders:
+def straight(speed_m_s: float, contact_expected: bool = False, waiting: str = "") -> Orders:
     """Straight ahead, or back for a negative speed."""
-    return Orders("straight", straight_speed_m_s=speed_m_s, v_max_m_s=abs(speed_m_s), push=push, waiting=waiting)
+    return Orders(
+        "straight",
+        straight_speed_m_s=speed_m_s,
+        v_max_m_s=abs(speed_m_s),
+        contact_expected=contact_expected,
+        waiting=waiting,
+    )
 
 
 def turning(rate_rad_s: float) -> Orders:

@@ -195,7 +195,7 @@ class DockingWalk:
         if self.random.random() < 0.05:
             self.arms = RELEASED if wanted_open else ARMS
         goal_m = self.config.docking.goal(mission.trolley if mission else 1).x_m
-        touching = self.pose.x_m < goal_m - 0.05 and mission is not None and mission.push
+        touching = self.pose.x_m < goal_m - 0.05 and mission is not None and mission.contact_expected
         return replace(
             self.arms,
             gripped=self.arms.gripped and "gripped" not in fault,
@@ -295,7 +295,7 @@ class DockingWalk:
             assert mission.phase in OPEN_ALLOWED
         if mission.phase in ("release", "retract"):
             assert self.sequence.attempt.epoch in self.lock_word
-        if mission.push:
+        if mission.contact_expected:
             assert mission.phase in ("insert", "push", "lock")
             assert mission.grip == "closed"
         touches = self.touched or mission.phase in ("insert", "push", "lock")

@@ -11,7 +11,7 @@ from random import Random
 
 from common.config import BaseConfig, LimitsConfig
 from common.messages import PHASES, Command, command_checksum, seal_command
-from follower.can_bridge.gate import ArmToken, Decision, Gate, SignedCommand, StopInputs, WheelStatus
+from follower.can_bridge.gate import ArmToken, Decision, Gate, StampedCommand, StopInputs, WheelStatus
 
 MS = 1_000_000
 EPS = 1e-9
@@ -52,8 +52,8 @@ class Walk:
         self.measured = [0.0, 0.0]
         self.ways_m = [0.0, 0.0]
         self.jumped_epoch = 0
-        self.newest: SignedCommand | None = None
-        self.offered: deque[SignedCommand] = deque(maxlen=64)
+        self.newest: StampedCommand | None = None
+        self.offered: deque[StampedCommand] = deque(maxlen=64)
         self.last = (0.0, 0.0)
         self.last_ns = self.now_ns
         self.window: deque[tuple[int, float, float]] = deque()
@@ -119,7 +119,7 @@ class Walk:
         )
         if draw < 0.0015:
             object.__setattr__(command, "v_m_s", self.random.choice((math.nan, math.inf, 0.4)))
-        self.newest = SignedCommand(command, run_id, boot_id)
+        self.newest = StampedCommand(command, run_id, boot_id)
         self.offered.append(self.newest)
 
     def _token(self) -> ArmToken | None:

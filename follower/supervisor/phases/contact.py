@@ -40,11 +40,11 @@ class _Ahead(PhaseLogic):
         if lost_s > self.limits.lost_timeout_s:
             return failed(self._lost_cause(seen, unwell))
         if unwell:
-            return Orders(push=True, waiting=unwell)
+            return Orders(contact_expected=True, waiting=unwell)
         self._driven_s += elapsed_s
         if self._driven_s > 2.0 * self.limits.push_limit_m / speed_m_s + _SPARE_S:
             return failed("push_timeout")
-        return straight(speed_m_s, push=True)
+        return straight(speed_m_s, contact_expected=True)
 
     def _lost_cause(self, seen: Observed, unwell: str) -> str:
         if unwell != self.attempt.blind(seen):
@@ -60,7 +60,7 @@ class Insert(_Ahead):
     def step(self, seen: Observed) -> Orders | Verdict:
         """See :class:`PhaseLogic`."""
         if seen.drives is None:
-            return Orders(push=True, waiting="drives")
+            return Orders(contact_expected=True, waiting="drives")
         pushed_m = self._pushed_m(seen.drives)
         if seen.arms is not None and (seen.arms.contact or seen.arms.connected):
             return Verdict("contact")
@@ -73,7 +73,7 @@ class Push(_Ahead):
     def step(self, seen: Observed) -> Orders | Verdict:
         """See :class:`PhaseLogic`."""
         if seen.drives is None:
-            return Orders(push=True, waiting="drives")
+            return Orders(contact_expected=True, waiting="drives")
         pushed_m = self._pushed_m(seen.drives)
         if seen.arms is not None and seen.arms.connected:
             return self._connected(seen, pushed_m)
@@ -87,7 +87,7 @@ class Push(_Ahead):
         if state is None or not state.valid:
             if self._lost.held_s(True, seen.now_ns) > self.limits.lost_timeout_s:
                 return failed(self._lost_cause(seen, self.attempt.blind(seen)))
-            return Orders(push=True, waiting="LEDs")
+            return Orders(contact_expected=True, waiting="LEDs")
         if self._visual_error_m(state, pushed_m) > self.limits.push_visual_tolerance_m:
             return failed("contact_elsewhere")
         return Verdict("connected")

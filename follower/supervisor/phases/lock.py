@@ -47,7 +47,7 @@ class Lock(PhaseLogic):
         if self.elapsed_s(seen) > self.limits.link_timeout_s:
             return failed("leader_silent")
         waiting = "the Leader's link" if seen.leader is None else "the Leader's lock"
-        return Orders(push=True, waiting=waiting, lock_request=self._request(seen.now_ns))
+        return Orders(contact_expected=True, waiting=waiting, lock_request=self._request(seen.now_ns))
 
     def _take(self, answer: Answer) -> Verdict | None:
         if answer.id != self._id:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.messages import ArmSetpoint
-from follower.can_bridge.arm_gate import ArmDecision, ArmGate, ArmMeasurement, SignedArms
+from follower.can_bridge.arm_gate import ArmDecision, ArmGate, ArmMeasurement, StampedArms
 from tests.rigs.canbus_rig import stepped_config
 
 MS = 1_000_000
@@ -21,12 +21,12 @@ STILL = ArmMeasurement(NOW, (0.0,) * 8)
 
 def arms(
     joints: tuple[float, ...] = (3.0,) * 6, grips: tuple[float, float] = (2.0, 2.0), stamp_ns: int = NOW, **other: Any
-) -> SignedArms:
+) -> StampedArms:
     told = ArmSetpoint(other.get("epoch", 7), joints, grips, other.get("lift_m", 0.2))
-    return SignedArms(told, stamp_ns, other.get("boot_id", "boot"))
+    return StampedArms(told, stamp_ns, other.get("boot_id", "boot"))
 
 
-def step(newest: SignedArms | None, epoch: int = 7) -> ArmDecision:
+def step(newest: StampedArms | None, epoch: int = 7) -> ArmDecision:
     return ArmGate(CONFIG, "boot").step(NOW, newest, epoch, STILL)
 
 
@@ -46,7 +46,7 @@ def test_passes_what_is_within_the_limits() -> None:
         (arms(epoch=6), "arm_epoch"),
     ],
 )
-def test_passes_nothing_that_is_not_genuine(newest: SignedArms | None, rule: str) -> None:
+def test_passes_nothing_that_is_not_genuine(newest: StampedArms | None, rule: str) -> None:
     decision = step(newest)
     assert decision.rule == rule
     if rule:

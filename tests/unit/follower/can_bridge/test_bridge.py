@@ -13,7 +13,7 @@ from common.messages import ArmSetpoint, Command, Header, Mission, seal_command
 from common.node import Received
 from common.timing import NS_PER_MS, NS_PER_S
 from follower.can_bridge.bridge import Bridge, Heard
-from follower.can_bridge.gate import SignedCommand
+from follower.can_bridge.gate import StampedCommand
 from follower.can_bridge.measurement import DriveSetpoint, Measurement
 from tests.unit.follower.supervisor.test_sequence import Bench
 
@@ -55,13 +55,13 @@ class Rig:
             self.setpoint = orders.setpoint
         return self.bridge.state
 
-    def _command(self) -> SignedCommand | None:
+    def _command(self) -> StampedCommand | None:
         """To go at ``v_m_s``, once it is ``commanded``."""
         if not self.commanded:
             return None
         sequence, until_ns = self.now_ns // (10 * NS_PER_MS), self.now_ns + 100 * NS_PER_MS
         told = Command(self.v_m_s, 0.0, self.mission.epoch, sequence, self.now_ns, until_ns, 1, self.now_ns)
-        return SignedCommand(seal_command(told), 1, BOOT)
+        return StampedCommand(seal_command(told), 1, BOOT)
 
 
 @pytest.fixture

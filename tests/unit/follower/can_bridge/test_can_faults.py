@@ -11,7 +11,7 @@ from common.canopen.frames import CanFrame, nmt_frame
 from common.errors import DeviceError
 from common.messages import Command, seal_command
 from common.timing import NS_PER_MS
-from follower.can_bridge.gate import ArmToken, Decision, Gate, SignedCommand, StopInputs, WheelStatus
+from follower.can_bridge.gate import ArmToken, Decision, Gate, StampedCommand, StopInputs, WheelStatus
 from follower.can_bridge.measurement import DriveSetpoint, Measurement
 from sim.can.drive_402 import PowerState
 from sim.can.faults import EncoderFault
@@ -43,7 +43,7 @@ class Driving:
         )
         self.decision = self.gate.step(
             now_ns,
-            SignedCommand(command, 1, "boot"),
+            StampedCommand(command, 1, "boot"),
             ArmToken(True, now_ns, "boot", 1, "approach", 0.5, 0.6),
             WheelStatus(
                 measured.measured_ns, *measured.wheel_speed_rad_s, measured.wheels_enabled, *measured.wheel_angle_rad

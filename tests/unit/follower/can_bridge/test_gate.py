@@ -20,7 +20,7 @@ from follower.can_bridge.gate import (
     ArmToken,
     Decision,
     Gate,
-    SignedCommand,
+    StampedCommand,
     StopInputs,
     WheelStatus,
     _beyond,
@@ -47,8 +47,8 @@ def command(v: float = 0.3, w: float = 0.0, sequence: int = 1, stamp_ns: int = T
     return seal_command(Command(v, w, epoch, sequence, stamp_ns, stamp_ns + 500 * MS, 1, stamp_ns))
 
 
-def signed(sealed: Command, run_id: int = 5, boot_id: str = BOOT) -> SignedCommand:
-    return SignedCommand(sealed, run_id, boot_id)
+def stamped(sealed: Command, run_id: int = 5, boot_id: str = BOOT) -> StampedCommand:
+    return StampedCommand(sealed, run_id, boot_id)
 
 
 def token(stamp_ns: int = T0, **changes: Any) -> ArmToken:
@@ -70,7 +70,7 @@ class Bench:
         self.sequence = 0
         self.standing = standing
 
-    def step(self, newest: SignedCommand | None = None, period_ms: float = 10.0, **given: Any) -> Decision:
+    def step(self, newest: StampedCommand | None = None, period_ms: float = 10.0, **given: Any) -> Decision:
         inputs = {
             "token": token(self.now_ns, **self.standing),
             "status": wheels(self.v, self.now_ns, self.w),
@@ -85,7 +85,7 @@ class Bench:
     def order(self, v: float, w: float = 0.0, **given: Any) -> Decision:
         """One step with a new command."""
         self.sequence += 1
-        return self.step(signed(command(v, w, self.sequence, self.now_ns)), **given)
+        return self.step(stamped(command(v, w, self.sequence, self.now_ns)), **given)
 
     def drive(self, v: float, w: float = 0.0, steps: int = 100) -> Decision:
         for _ in range(steps - 1):
@@ -181,7 +181,7 @@ def test_ages_to_the_nanosecond(rule: str, limit_ms: int, beyond_ns: int) -> Non
         given["token"] = token(old_ns)
     else:
         given["status"] = wheels(0.2, old_ns)
-    decision = bench.step(signed(fresh), **given)
+    decision = bench.step(stamped(fresh), **given)
     assert decision.rule == (rule if beyond_ns else "")
     assert decision.v_m_s == pytest.approx(0.0 if beyond_ns else 0.2)
 
@@ -191,7 +191,7 @@ def test_a_stamp_from_the_future_is_not_fresh(rule: str) -> None:
     bench = Bench()
     bench.drive(0.2)
     future_ns = bench.now_ns + 1
-    newest = signed(command(0.2, sequence=200, stamp_ns=future_ns if rule == "command_age" else bench.now_ns))
+    newest = stamped(command(0.2, sequence=200, stamp_ns=future_ns if rule == "command_age" else bench.now_ns))
     given: dict[str, Any] = {}
     if rule == "token_age":
         given["token"] = token(future_ns)
@@ -204,7 +204,7 @@ def test_status_of_time_zero_is_a_status() -> None:
     gate = Gate(LIMITS, BASE, BOOT)
     first = command(0.2, stamp_ns=0)
     for now_ns in (0, 10 * MS):
-        decision = gate.step(now_ns, signed(first), token(0), wheels(0.0, 0), CLEAR)
+        decision = gate.step(now_ns, stamped(first), token(0), wheels(0.0, 0), CLEAR)
     assert decision.rule == ""
     assert decision.v_m_s > 0.0
 
@@ -230,18 +230,18 @@ def tampered(**changes: Any) -> Command:
 @pytest.mark.parametrize(
     ("reason", "bad"),
     [
-        ("checksum", signed(tampered(v_m_s=0.31))),
-        ("not_finite", signed(tampered(v_m_s=math.nan))),
-        ("not_finite", signed(tampered(w_rad_s=math.inf))),
-        ("boot", signed(command(sequence=99), boot_id="old")),
-        ("epoch", signed(command(sequence=99, epoch=6))),
-        ("epoch", signed(command(sequence=99, epoch=8))),
-        ("sequence", signed(command(sequence=100))),
-        ("sequence", signed(command(sequence=3))),
-        ("second_writer", signed(command(sequence=199), run_id=6)),
+        ("checksum", stamped(tampered(v_m_s=0.31))),
+        ("not_finite", stamped(tampered(v_m_s=math.nan))),
+        ("not_finite", stamped(tampered(w_rad_s=math.inf))),
+        ("boot", stamped(command(sequence=99), boot_id="old")),
+        ("epoch", stamped(command(sequence=99, epoch=6))),
+        ("epoch", stamped(command(sequence=99, epoch=8))),
+        ("sequence", stamped(command(sequence=100))),
+        ("sequence", stamped(command(sequence=3))),
+        ("second_writer", stamped(command(sequence=199), run_id=6)),
     ],
 )
-def test_drops_what_is_not_genuine(reason: str, bad: SignedCommand) -> None:
+def test_drops_what_is_not_genuine(reason: str, bad: StampedCommand) -> None:
     bench = Bench()
     bench.drive(0.3)
     decision = bench.step(bad)
@@ -251,7 +251,7 @@ def test_drops_what_is_not_genuine(reason: str, bad: SignedCommand) -> None:
 
 def test_a_command_before_arming_is_dropped() -> None:
     bench = Bench()
-    early = signed(command(stamp_ns=bench.now_ns))
+    early = stamped(command(stamp_ns=bench.now_ns))
     assert bench.step(early, token=None).dropped == "not_armed"
     assert bench.step(early, token=token(bench.now_ns, armed=False)).dropped == "not_armed"
     assert bench.step(early).dropped == ""
@@ -259,7 +259,7 @@ def test_a_command_before_arming_is_dropped() -> None:
 
 def test_the_same_command_again_is_not_a_new_one() -> None:
     bench = Bench()
-    held = signed(command(0.1, sequence=4, stamp_ns=bench.now_ns))
+    held = stamped(command(0.1, sequence=4, stamp_ns=bench.now_ns))
     for _ in range(12):
         decision = bench.step(held)
         assert (decision.dropped, decision.rule, decision.sequence) == ("", "", 4)
@@ -267,19 +267,19 @@ def test_the_same_command_again_is_not_a_new_one() -> None:
 
 def test_the_first_sequence_may_be_zero_and_each_epoch_counts_anew() -> None:
     bench = Bench()
-    assert bench.step(signed(command(0.3, sequence=0, stamp_ns=bench.now_ns))).sequence == 0
-    bench.step(signed(command(0.3, sequence=50, stamp_ns=bench.now_ns)))
+    assert bench.step(stamped(command(0.3, sequence=0, stamp_ns=bench.now_ns))).sequence == 0
+    bench.step(stamped(command(0.3, sequence=50, stamp_ns=bench.now_ns)))
     renewed = bench.step(token=token(bench.now_ns, epoch=8))
     assert (renewed.rule, renewed.sequence, renewed.v_m_s) == ("no_command", -1, 0.0)
-    other = signed(command(0.3, sequence=0, stamp_ns=bench.now_ns, epoch=8), run_id=6)
+    other = stamped(command(0.3, sequence=0, stamp_ns=bench.now_ns, epoch=8), run_id=6)
     accepted = bench.step(other, token=token(bench.now_ns, epoch=8))
     assert (accepted.rule, accepted.dropped, accepted.sequence) == ("", "", 0)
 
 
 def test_an_epoch_of_zero_is_an_epoch() -> None:
     bench = Bench(epoch=0)
-    bench.step(signed(command(0.1, sequence=5, stamp_ns=bench.now_ns, epoch=0)))
-    later = signed(command(0.1, sequence=4, stamp_ns=bench.now_ns, epoch=0))
+    bench.step(stamped(command(0.1, sequence=5, stamp_ns=bench.now_ns, epoch=0)))
+    later = stamped(command(0.1, sequence=4, stamp_ns=bench.now_ns, epoch=0))
     assert bench.step(later).dropped == "sequence"
 
 
@@ -288,7 +288,7 @@ def test_latches_until_the_next_epoch(rule: str) -> None:
     bench = Bench()
     bench.drive(0.3)
     if rule == "second_writer":
-        found = bench.step(signed(command(sequence=500, stamp_ns=bench.now_ns), run_id=6))
+        found = bench.step(stamped(command(sequence=500, stamp_ns=bench.now_ns), run_id=6))
     elif rule == "measured_jump":
         found = bench.step(status=wheels(-0.1, bench.now_ns))
     elif rule == "measured_stuck":
@@ -306,7 +306,7 @@ def test_latches_until_the_next_epoch(rule: str) -> None:
     assert bench.step(token=None).rule == "not_armed"
     assert bench.order(0.3).rule == rule
     bench.standing = {"epoch": 8}
-    fresh = signed(command(sequence=1, stamp_ns=bench.now_ns, epoch=8), run_id=6)
+    fresh = stamped(command(sequence=1, stamp_ns=bench.now_ns, epoch=8), run_id=6)
     assert bench.step(fresh).rule == ""
 
 
@@ -314,7 +314,7 @@ def test_a_jump_before_the_first_mission_latches_until_it() -> None:
     bench = Bench(epoch=1)
     before = bench.step(token=None, status=WheelStatus(T0, math.nan, 0.0, True, 0.0, 0.0))
     assert (before.rule, before.sequence) == ("not_armed", -1)
-    assert bench.step(signed(command(sequence=0, stamp_ns=bench.now_ns, epoch=1))).rule == ""
+    assert bench.step(stamped(command(sequence=0, stamp_ns=bench.now_ns, epoch=1))).rule == ""
 
 
 def test_a_jump_under_a_stop_input_is_not_forgotten() -> None:
@@ -328,7 +328,7 @@ def test_a_jump_under_a_stop_input_is_not_forgotten() -> None:
 def test_the_first_latched_rule_is_the_one_that_is_told() -> None:
     bench = Bench()
     bench.drive(0.3)
-    bench.step(signed(command(sequence=500, stamp_ns=bench.now_ns), run_id=6))
+    bench.step(stamped(command(sequence=500, stamp_ns=bench.now_ns), run_id=6))
     bench.step(status=WheelStatus(bench.now_ns, math.nan, 0.0, True, 0.0, 0.0))
     bench.step()
     assert bench.step().rule == "second_writer"
@@ -370,7 +370,7 @@ def test_a_jump_of_exactly_the_bound_is_borne(field: str, bound: float, beyond: 
     later = T0 + 10 * MS
     changed: dict[str, Any] = {field: step + 1e-12 if beyond else step}
     status = replace(wheels(0.0, later), **changed)
-    newest = signed(command(stamp_ns=later))
+    newest = stamped(command(stamp_ns=later))
     assert gate.step(later, newest, token(later), status, CLEAR).rule == ("measured_jump" if beyond else "")
 
 
@@ -383,14 +383,14 @@ def test_a_jump_counts_only_between_two_recent_measurements() -> None:
         gate = Gate(LIMITS, BASE, BOOT)
         gate.step(before_ns, None, token(before_ns), wheels(0.0, before_ns), CLEAR)
         now_ns = before_ns + gap_ms * MS
-        newest = signed(command(stamp_ns=now_ns))
+        newest = stamped(command(stamp_ns=now_ns))
         assert gate.step(now_ns, newest, token(now_ns), wheels(0.5, now_ns), CLEAR).rule == rule
 
 
 @pytest.mark.parametrize("second_ns", [0, 10 * MS])
 def test_a_jump_is_seen_from_time_zero_on(second_ns: int) -> None:
     gate = Gate(LIMITS, BASE, BOOT)
-    gate.step(0, signed(command(stamp_ns=0)), token(0), wheels(0.0, 0), CLEAR)
+    gate.step(0, stamped(command(stamp_ns=0)), token(0), wheels(0.0, 0), CLEAR)
     assert gate.step(second_ns, None, token(0), wheels(0.5, second_ns), CLEAR).rule == "measured_jump"
 
 
@@ -624,5 +624,5 @@ def test_slowing_down_is_free_in_the_window_and_reversing_is_not() -> None:
 def test_decision_keeps_no_memory_of_old_windows() -> None:
     gate = Gate(LIMITS, BASE, BOOT)
     for n in range(400):
-        gate.step(T0, signed(command(0.3, sequence=n)), token(), wheels(0.0, T0), CLEAR)
+        gate.step(T0, stamped(command(0.3, sequence=n)), token(), wheels(0.0, T0), CLEAR)
     assert len(gate._window) <= 128

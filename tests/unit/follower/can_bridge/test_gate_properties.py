@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from common.messages import PHASES, Command, Phase, seal_command
-from follower.can_bridge.gate import ArmToken, Gate, SignedCommand, StopInputs, WheelStatus
+from follower.can_bridge.gate import ArmToken, Gate, StampedCommand, StopInputs, WheelStatus
 from tests.rigs.gate_walk import BASE, BOOT, EPS, LIMITS, MS, Walk
 
 SHARDS = 8
@@ -89,7 +89,7 @@ def test_no_sequence_of_inputs_moves_the_wheels_against_the_rules(given_steps: l
         inputs = said["inputs"]
         assert isinstance(inputs, tuple)
         decision = gate.step(
-            now_ns, SignedCommand(command, _int(said["run_id"]), BOOT), token, status, StopInputs(*inputs)
+            now_ns, StampedCommand(command, _int(said["run_id"]), BOOT), token, status, StopInputs(*inputs)
         )
         v, w = decision.v_m_s, decision.w_rad_s
         if v or w:
@@ -115,7 +115,7 @@ def _under_way() -> tuple[Gate, int, float, float]:
         left, right = last[0] - last[1] / 4, last[0] + last[1] / 4
         status = WheelStatus(now_ns, left / BASE.wheel_radius_m, right / BASE.wheel_radius_m, True, 0.0, 0.0)
         token = ArmToken(True, now_ns, BOOT, 1, "approach", 0.5, 0.6)
-        decision = gate.step(now_ns, SignedCommand(first, 5, BOOT), token, status, StopInputs(True, True, True))
+        decision = gate.step(now_ns, StampedCommand(first, 5, BOOT), token, status, StopInputs(True, True, True))
         last = (decision.v_m_s, decision.w_rad_s)
         now_ns += 10 * MS * (n < 11)
     assert decision.rule == ""

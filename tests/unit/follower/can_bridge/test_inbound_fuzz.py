@@ -12,7 +12,7 @@ import pytest
 from common.canopen.frames import CanFrame
 from common.messages import Command, seal_command
 from common.timing import NS_PER_MS
-from follower.can_bridge.gate import ArmToken, Gate, SignedCommand, StopInputs, WheelStatus
+from follower.can_bridge.gate import ArmToken, Gate, StampedCommand, StopInputs, WheelStatus
 from follower.can_bridge.measurement import DriveSetpoint
 from tests.rigs.canbus_rig import Rig, Tap, follower_rig
 
@@ -67,7 +67,7 @@ class _Session:
         fields = (0.5, 0.3, self.epoch, self.sequence, now_ns, now_ns + 120 * NS_PER_MS, 1, now_ns)
         decision = self.gate.step(
             now_ns,
-            SignedCommand(seal_command(Command(*fields)), 1, "boot"),
+            StampedCommand(seal_command(Command(*fields)), 1, "boot"),
             ArmToken(True, now_ns, "boot", self.epoch, "approach", 0.5, 0.6),
             WheelStatus(
                 measured.measured_ns, *measured.wheel_speed_rad_s, measured.wheels_enabled, *measured.wheel_angle_rad

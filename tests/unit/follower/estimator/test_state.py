@@ -22,7 +22,7 @@ from sim.optics.image import Optics, View
 PERIOD_NS = 16_666_667
 START_NS = 100 * NS_PER_S
 HERE = Pose2(4.0, 0.0, 0.0)
-MISSION_1 = Mission("acquire", "", 1, "davpc", 1, False, "hold", 0.0, 0.0, 0.0, 0.0, (), "open", False, 0)
+MISSION_1 = Mission("acquire", "", 1, 1, False, "hold", 0.0, 0.0, 0.0, 0.0, (), "open", False, 0)
 STANDING = Drives(
     state="armed",
     cause="",

@@ -78,7 +78,7 @@ def test_it_arms_an_epoch_of_its_own_with_low_caps(hand: Hand) -> None:
     assert hand.mission == hand.idle
     assert hand.ask(grip="open", lift_m=0.1).outcome == "accepted"
     mission = hand.mission
-    assert (mission.phase, mission.armed, mission.motion, mission.push) == ("manual", True, "hold", False)
+    assert (mission.phase, mission.armed, mission.motion, mission.contact_expected) == ("manual", True, "hold", False)
     assert (mission.grip, mission.lift_m) == ("open", 0.1)
     assert (mission.v_max_m_s, mission.w_max_rad_s) == (0.10, 0.30)
     assert mission.epoch > 1 << 62

@@ -253,7 +253,7 @@ def test_released_arms_let_go_without_a_jump_and_move_away(config: Config, world
     assert samples[-1].seated
     held = bench.contact.handle.x_m
     for _ in range(300):
-        last = bench.cycle(0.0, push=False, grip="open")
+        last = bench.cycle(0.0, contact_expected=False, grip="open")
     assert last.state.released
     assert not bench.contact.gripped
     assert abs(bench.contact.handle.x_m - held) < 0.01

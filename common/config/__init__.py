@@ -1,0 +1,60 @@
+"""Configuration of a pair of robots: strict models, one TOML file, errors that name the file and the key."""
+
+from common.config.arms import ArmsConfig, Degrees
+from common.config.can import BusConfig, DriveConfig, FollowerCanConfig, HomingConfig, LeaderCanConfig
+from common.config.control import BaseConfig, CompensationConfig, ControllerConfig, LimitsConfig, RealtimeConfig
+from common.config.docking import DockingConfig, SupervisorConfig
+from common.config.leader import LeaderConfig
+from common.config.loading import M, default_config_path, load_config, validate
+from common.config.network import DEFAULT_NAMESPACE, CertificateName, GatewayConfig, NetworkAddress, NetworkConfig
+from common.config.perception import (
+    BrightnessConfig,
+    CameraConfig,
+    DisturbanceConfig,
+    EstimatorConfig,
+    LedsConfig,
+    LensConfig,
+    Quadruple,
+)
+from common.config.robots import Config
+from common.config.section import NonNegative, Pair, Positive, Section, Xyz
+
+__all__ = [
+    "DEFAULT_NAMESPACE",
+    "ArmsConfig",
+    "BaseConfig",
+    "BrightnessConfig",
+    "BusConfig",
+    "CameraConfig",
+    "CertificateName",
+    "CompensationConfig",
+    "Config",
+    "ControllerConfig",
+    "Degrees",
+    "DisturbanceConfig",
+    "DockingConfig",
+    "DriveConfig",
+    "EstimatorConfig",
+    "FollowerCanConfig",
+    "GatewayConfig",
+    "HomingConfig",
+    "LeaderCanConfig",
+    "LeaderConfig",
+    "LedsConfig",
+    "LensConfig",
+    "LimitsConfig",
+    "M",
+    "NetworkAddress",
+    "NetworkConfig",
+    "NonNegative",
+    "Pair",
+    "Positive",
+    "Quadruple",
+    "RealtimeConfig",
+    "Section",
+    "SupervisorConfig",
+    "Xyz",
+    "default_config_path",
+    "load_config",
+    "validate",
+]

@@ -1,0 +1,94 @@
+"""One TOML file into the models; an error names the file and the key."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from common.config.robots import Config
+from common.errors import ConfigError
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def load_config(path: Path, overrides: Sequence[str] = ()) -> Config:
+    """Read the pair's configuration.
+
+    Args:
+        path: TOML file.
+        overrides: ``table.key=value`` with a TOML value, applied after the file.
+
+    Raises:
+        ConfigError: the file is missing or not TOML, a key is unknown, a value out of range.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+    for override in overrides:
+        _apply(table, override)
+    return validate(Config, table, str(path))
+
+
+def validate(model: type[M], table: Mapping[str, Any], origin: str) -> M:
+    """Check a table against its model; ``origin`` (a file, or a file and a table) goes into the error.
+
+    Raises:
+        ConfigError: with one line for the first fault, and the number of further ones.
+    """
+    try:
+        return model.model_validate(_tuples(table))
+    except ValidationError as error:
+        faults = error.errors()
+        first = faults[0]
+        key = ".".join(str(part) for part in first["loc"]) or "(whole file)"
+        what = first["msg"].removeprefix("Value error, ")
+        if first["type"] == "extra_forbidden":
+            what = "unknown key"
+        elif first["type"] != "missing" and not isinstance(first["input"], dict | tuple | BaseModel):
+            what = f"{what}, got {first['input']!r}"
+        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+        raise ConfigError(f"{origin}: {key}: {what}{more}") from error
+
+
+def default_config_path() -> Path:
+    """``/etc/davpc/robots.toml`` on a robot, else the reference robots that come with davpc."""
+    package = Path(__file__).resolve().parents[1]
+    installed = Path("/etc/davpc/robots.toml")
+    candidates = [
+        installed,
+        package.parent / "deploy/config/robots.toml",
+        package / "default_config/robots.toml",
+    ]
+    return next((path for path in candidates if path.exists()), installed)
+
+
+def _apply(table: dict[str, Any], override: str) -> None:
+    key, separator, value = override.partition("=")
+    if not separator:
+        raise ConfigError(f"override {override!r}: write it as table.key=value")
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        parsed = value
+    *parents, last = key.strip().split(".")
+    for parent in parents:
+        table = table.setdefault(parent, {})
+        if not isinstance(table, dict):
+            raise ConfigError(f"override {override!r}: {parent} is not a table")
+    table[last] = parsed
+
+
+def _tuples(value: Any) -> Any:
+    """TOML arrays as tuples, the immutable form that the models hold."""
+    if isinstance(value, Mapping):
+        return {key: _tuples(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return tuple(_tuples(item) for item in value)
+    return value

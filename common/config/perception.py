@@ -1,0 +1,154 @@
+"""Camera, LEDs and estimator."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from itertools import combinations
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from common.config.section import Positive, Section, Xyz
+from common.geometry import Array, Pinhole, mirror_deviation_m
+
+
+class LensConfig(Section):
+    """Intrinsics. ``coefficients`` in OpenCV's order: none, 8 for rational, 4 for fisheye."""
+
+    model: Literal["pinhole", "rational", "fisheye"] = "pinhole"
+    fx_px: Positive
+    fy_px: Positive
+    cx_px: float
+    cy_px: float
+    coefficients: tuple[float, ...] = ()
+
+    @model_validator(mode="after")
+    def _coefficients_fit_model(self) -> LensConfig:
+        wanted = {"pinhole": 0, "rational": 8, "fisheye": 4}[self.model]
+        if len(self.coefficients) != wanted:
+            raise ValueError(f"lens model {self.model!r} takes {wanted} coefficients, not {len(self.coefficients)}")
+        return self
+
+
+class CameraConfig(Section):
+    """The Follower's camera: driver by name, image format, exposure and its place ξ on the robot.
+
+    ``device`` says which one: the serial number (mindvision), ``/dev/video0`` (v4l2), a folder or video (replay);
+    empty: the only one there is.
+    ``mount_tilt_deg`` is how the camera is screwed on: pitch (up), roll (right side down), yaw (to the left).
+    ``calibration`` is the file of ``davpc calibrate camera`` that ``lens`` was taken from, beside the configuration;
+    ``davpc doctor`` compares the two, the camera and its age.
+    """
+
+    driver: str
+    device: str = ""
+    rate_hz: Annotated[float, Field(gt=0, le=500)]
+    width_px: Annotated[int, Field(ge=64, le=8192)]
+    height_px: Annotated[int, Field(ge=64, le=8192)]
+    exposure_us: Annotated[float, Field(gt=0, le=100_000)]
+    gain: Annotated[float, Field(gt=0, le=64)]
+    mount_xyz_m: Xyz
+    mount_tilt_deg: Xyz = (0.0, 0.0, 0.0)
+    calibration: str = ""
+    lens: LensConfig
+
+    @cached_property
+    def pinhole(self) -> Pinhole:
+        """The lens without its distortion."""
+        lens = self.lens
+        return Pinhole(lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, self.width_px, self.height_px)
+
+    @cached_property
+    def mount(self) -> Array:
+        """ξ, the optical centre in {F} [m]."""
+        return np.array(self.mount_xyz_m)
+
+    @cached_property
+    def mount_tilt(self) -> Array:
+        """Pitch, roll, yaw of the mounting [rad]."""
+        return np.radians(self.mount_tilt_deg)
+
+
+class BrightnessConfig(Section):
+    """How bright one LED is in the image, from one look at it: what is far from it is no LED."""
+
+    grey_per_us_at_1_m: Annotated[float, Field(gt=0, description="peak at 1 A, gain 1, on its axis, before clipping")]
+    speck_px: Annotated[float, Field(gt=0, le=20, description="over which its image falls to 1/e, along a row")]
+    factor: Annotated[float, Field(ge=2, description="up to which it may differ, both ways")]
+
+
+class LedsConfig(Section):
+    """The Leader's array: LED positions in {L}, beam and nominal current.
+
+    Without ``brightness`` the absolute brightness of spots is not checked.
+    """
+
+    positions_m: Annotated[tuple[Xyz, ...], Field(min_length=4, max_length=12)]
+    full_beam_deg: Annotated[float, Field(gt=0, le=180)]
+    current_a: Annotated[float, Field(gt=0, le=5)]
+    brightness: BrightnessConfig | None = None
+
+    @cached_property
+    def points(self) -> Array:
+        """LED positions (n, 3) in {L} [m]."""
+        return np.array(self.positions_m)
+
+    @model_validator(mode="after")
+    def _coplanar(self) -> LedsConfig:
+        centred = self.points - self.points.mean(axis=0)
+        singular = np.linalg.svd(centred, compute_uv=False)
+        if singular[1] < 0.05:
+            raise ValueError("the LEDs are collinear: the relative pose cannot be told from them")
+        for a, b in combinations(range(len(self.points)), 2):
+            if np.linalg.norm(self.points[a] - self.points[b]) < 0.04:
+                raise ValueError(f"the LEDs {a} and {b} lie within 4 cm: from afar they are one spot")
+        if len(self.points) == 4:
+            for three in combinations(range(4), 3):
+                _check_triangle(self.points[list(three)], three)
+        if singular[2] > 0.02:
+            raise ValueError("the LEDs are not coplanar: the homography of the paper does not exist")
+        if mirror_deviation_m(self.points) < 0.05:
+            raise ValueError(
+                "the LEDs are symmetric: in a pane of glass the mirror image looks like the array itself"
+            )
+        return self
+
+
+def _check_triangle(corners: Array, rows: tuple[int, ...]) -> None:
+    """Of four LEDs any three must do when the other is hidden.
+
+    Raises:
+        ValueError: one lies within 4 cm of the line through the other two.
+    """
+    longest = max(float(np.linalg.norm(corners[i] - corners[j])) for i, j in ((0, 1), (1, 2), (2, 0)))
+    if float(np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]))) < 0.04 * longest:
+        raise ValueError(f"the LEDs {', '.join(map(str, rows))} are collinear: alone they tell no pose")
+
+
+Quadruple = tuple[float, float, float, float]
+
+
+class DisturbanceConfig(Section):
+    """Disturbance states of the observer, in the order: speed gain, turn gain, yaw [rad/s], sideways [m/s]."""
+
+    walk: Annotated[Quadruple, Field(description="random walk while driving, per root second")]
+    onset_sigma: Annotated[Quadruple, Field(description="what a disturbance may be when one is detected")]
+    quiet_sigma: Annotated[Quadruple, Field(description="what it may be otherwise")]
+    bound: Annotated[Quadruple, Field(description="of the estimate")]
+
+
+class EstimatorConfig(Section):
+    """Perception and the filtered relative state."""
+
+    method: Literal["paper", "davpc"]
+    threshold: Annotated[int, Field(ge=1, le=254)]
+    min_spot_px: Annotated[int, Field(ge=1)]
+    max_spot_px: Annotated[int, Field(ge=4)]
+    gate_px: Positive
+    identification_residual_px: Positive
+    coast_ms: Positive
+    pixel_sigma_px: Positive
+    process_noise: Annotated[tuple[float, float, float], Field(description="m, m, rad per root second")]
+    distance_noise: Annotated[float, Field(ge=0, description="m, m, rad per root metre driven")]
+    disturbance: DisturbanceConfig
