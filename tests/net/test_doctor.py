@@ -11,9 +11,9 @@ from gateway.access import robot_access
 from station.doctor.bus import Heard, listen
 from station.doctor.findings import Seen
 from station.doctor.network import check_access, check_certificate, check_link
-from tests.conftest import REFERENCE
-from tests.net.conftest import READY_S, Gateways, needs_openssl
-from tests.system.conftest import until
+from tests.net.gateways import READY_S, Gateways, needs_openssl
+from tests.rigs.reference import REFERENCE
+from tests.rigs.waiting import until
 
 pytestmark = [pytest.mark.alone, needs_openssl]
 

@@ -16,8 +16,8 @@ from gateway.access import OTHER, Robot, exports, robot_access
 from gateway.credentials import check_credentials
 from gateway.node import robot_router, site_router
 from station.cli import app
-from tests.conftest import REFERENCE
-from tests.net.conftest import needs_openssl, pki
+from tests.net.gateways import needs_openssl, pki
+from tests.rigs.reference import REFERENCE
 
 ROBOTS: tuple[Robot, ...] = tuple(OTHER)
 

@@ -12,9 +12,9 @@ import pytest
 
 from common.bus import OnRequest
 from common.channels import LEADER_STATE, LOCK_REQUEST
-from tests.conftest import REFERENCE
-from tests.net.conftest import READY_S, Gateways, Heard, authority, free_port, needs_openssl, published_until_heard
-from tests.system.conftest import until
+from tests.net.gateways import READY_S, Gateways, Heard, authority, free_port, needs_openssl, published_until_heard
+from tests.rigs.reference import REFERENCE
+from tests.rigs.waiting import until
 
 pytestmark = [pytest.mark.alone, needs_openssl]
 NAMES = ("a", "b")

@@ -121,3 +121,18 @@ def test_no_path_of_one_machine_is_written_down() -> None:
     for path in [*sources(*PACKAGES, "tests"), *ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]:
         if path != Path(__file__):
             assert not pattern.search(path.read_text()), path
+
+
+def test_no_test_imports_another_test() -> None:
+    """What tests of several folders share lives in ``tests/rigs``; what those of one folder share, beside them."""
+    for path in sources("tests"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                named = [f"{node.module}.{alias.name}" for alias in node.names]
+            elif isinstance(node, ast.Import):
+                named = [alias.name for alias in node.names]
+            else:
+                continue
+            parts = {part for name in named if name.startswith("tests.") for part in name.split(".")}
+            wrong = {part for part in parts if part == "conftest" or part.startswith("test_")}
+            assert not wrong, f"{path.relative_to(ROOT)}:{node.lineno} imports {', '.join(named)}"

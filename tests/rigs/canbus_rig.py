@@ -138,3 +138,16 @@ def is_stop(frame: CanFrame, node_id: int) -> bool:
         return False
     word, velocity = int.from_bytes(frame.data[:2], "little"), int.from_bytes(frame.data[2:], "little")
     return velocity == 0 or word & 0x04 == 0
+
+
+class StepPace:
+    """Sleeping lets the simulated world go on."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+
+    def now_ns(self) -> int:
+        return self._rig.clock.now_ns()
+
+    def sleep_until(self, deadline_ns: int) -> None:
+        self._rig.pass_time((deadline_ns - self._rig.clock.now_ns()) / 1e6)

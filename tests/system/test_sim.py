@@ -13,21 +13,11 @@ import pytest
 
 from common.config import Config
 from common.processes import ONE_MACHINE
-from tests.system.conftest import CanTap, judged_on_a_calm_host, until
+from tests.rigs.sim_run import CanTap, is_docked, judged_on_a_calm_host
+from tests.rigs.waiting import until
 
 FOLLOWER = [process.name for process in ONE_MACHINE if process.robot == "follower"]
 START = ("--start", "3,0.15,3")
-
-
-def is_docked(results: dict[str, Any]) -> bool:
-    metrics = results["metrics"]
-    return bool(
-        results["connected"]
-        and results["cause"] == "docked"
-        and metrics["e_y_cm"] <= 2.0
-        and metrics["e_theta_deg"] <= 1.0
-        and metrics["duration_s"] <= 60.0
-    )
 
 
 def nothing_is_left(runtime: Path, children: dict[str, int]) -> bool:

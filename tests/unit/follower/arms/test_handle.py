@@ -24,7 +24,7 @@ from follower.arms.handle import HandleHold
 from follower.arms.impedance import HandleImpedance, PostureSense, handle_force
 from follower.arms.kinematics import Angles, ReachError, ScaraArm, check_postures, grip_poses, make_arms
 from follower.arms.node import ArmsNode
-from tests.unit.follower.supervisor.test_sequence import DRIVES, Bench
+from tests.rigs.supervisor_rig import DRIVES, Bench
 
 angles = st.floats(-2.5, 2.5)
 joint_angles = st.tuples(angles, angles, angles)

@@ -17,7 +17,7 @@ from follower.supervisor.observed import Observed
 from follower.supervisor.transitions import ENDED, TABLE
 from leader.lock import Lock, LockInputs
 from tests.rigs.docking_walk import STEP_NS, DockingWalk
-from tests.unit.leader.test_sequence import AWAY, HOLDING, MOVING
+from tests.rigs.leader_rig import AWAY, HOLDING, MOVING
 
 EVENTS = int(os.environ.get("MACHINE_EVENTS", "100000"))
 WALKS = 8

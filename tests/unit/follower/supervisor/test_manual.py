@@ -28,8 +28,8 @@ from follower.supervisor.manual import ManualMode, ManualSeen, ManualStep
 from sim.stepped import SteppedExecutor
 from station.operate.manual import Felt, Fingers, Keys
 from tests.rigs.canbus_rig import CONFIG_PATH, stepped_config
-from tests.unit.follower.supervisor.test_sequence import ARMS, Bench
-from tests.unit.follower.supervisor.test_sequence import DRIVES as DISARMED
+from tests.rigs.supervisor_rig import ARMS, Bench
+from tests.rigs.supervisor_rig import DRIVES as DISARMED
 
 STEP_NS = NS_PER_S // 20
 
