@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from common.config import Config, load_config
-from tests.rigs.reference import REFERENCE
+from tests.rigs.canbus_rig import CONFIG_PATH
 from tests.rigs.sim_run import SimRuns
 
 settings.register_profile("davpc", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
@@ -19,13 +19,13 @@ settings.load_profile("davpc")
 @pytest.fixture(scope="session")
 def config() -> Config:
     """The reference robots."""
-    return load_config(REFERENCE)
+    return load_config(CONFIG_PATH)
 
 
 @pytest.fixture(scope="session")
 def config_path() -> Path:
     """Where the reference robots are written down."""
-    return REFERENCE
+    return CONFIG_PATH
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from common.channels import Channel
 from common.messages import Header, LeaderState, Message, encode
 from common.processes import GATEWAYS, PROCESSES
 from gateway.access import OTHER, Robot
-from tests.rigs.reference import REFERENCE
+from tests.rigs.canbus_rig import CONFIG_PATH
 from tests.rigs.waiting import until
 
 PKI = Path(__file__).parents[2] / "deploy/pki.sh"
@@ -95,7 +95,7 @@ class Gateways:
 
     def spawned(self, name: str, robot: Robot, path: Path) -> subprocess.Popen[bytes]:
         """A process of the table, run in a robot's mesh, with the file that it logs to."""
-        command = [sys.executable, "-m", "station.cli", "run", name, "--config", str(REFERENCE)]
+        command = [sys.executable, "-m", "station.cli", "run", name, "--config", str(CONFIG_PATH)]
         command += ["--runtime", str(self.runtime(robot)), *self.options()]
         with path.open("ab") as log:
             return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)

@@ -136,3 +136,17 @@ def test_no_test_imports_another_test() -> None:
             parts = {part for name in named if name.startswith("tests.") for part in name.split(".")}
             wrong = {part for part in parts if part == "conftest" or part.startswith("test_")}
             assert not wrong, f"{path.relative_to(ROOT)}:{node.lineno} imports {', '.join(named)}"
+
+
+def test_unit_tests_mirror_the_product() -> None:
+    """``tests/unit/<path>/test_<module>.py`` tests ``<path>/<module>.py`` or the package of that name.
+
+    Where one file would be too long, ``test_<module>_<aspect>.py`` stand beside it. What takes several modules lies
+    in ``tests/stepped`` (whole robots in stepped time) or with the module whose behaviour it asserts.
+    """
+    for path in sorted((ROOT / "tests/unit").rglob("test_*.py")):
+        folder = ROOT / path.parent.relative_to(ROOT / "tests/unit")
+        modules = {entry.stem for entry in folder.glob("*") if entry.suffix == ".py" or entry.is_dir()}
+        tested = path.stem.removeprefix("test_").split("_")
+        names = {"_".join(tested[:count]) for count in range(1, len(tested) + 1)}
+        assert names & modules, f"{path.relative_to(ROOT)}: {folder.relative_to(ROOT)} has no such module"

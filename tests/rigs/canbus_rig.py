@@ -7,14 +7,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from common.canopen.frames import CanFrame
-from common.config import Config, FollowerCanConfig, default_config_path, load_config
+from common.config import Config, FollowerCanConfig, load_config
 from common.timing import NS_PER_MS, SteppedClock
 from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.measurement import DriveSetpoint, Measurement
 from sim.can.nodes import FollowerBus, LeaderBus
 from sim.can.stepped_bus import SteppedBus, SteppedChannel
 
-CONFIG_PATH: Path = default_config_path()
+CONFIG_PATH = Path(__file__).parents[2] / "deploy/config/robots.toml"
 DRIVE_EDS = CONFIG_PATH.parent / "davpc-drive-402.eds"
 IO_EDS = CONFIG_PATH.parent / "davpc-io-401.eds"
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
-
 import pytest
 
 from common.config import Config
 from common.messages import Answer, FollowerSummary, LedRequest
 from common.timing import NS_PER_S
-from leader.queue_file import content, read
 from leader.sequence import IoInputs
 from tests.rigs.leader_rig import HALF_WAY, HOLDING, LOCKED, MOVING, SEATED, Bench
 
@@ -213,18 +209,6 @@ def test_a_request_that_waited_too_long_is_not_carried_out(bench: Bench) -> None
 
 
 # --- queue
-
-
-def test_the_count_is_kept_and_a_file_that_makes_no_sense_is_not_known(tmp_path: Path) -> None:
-    path = tmp_path / "queue.json"
-    assert read(path).count == 0
-    for count in (None, 0, 7):
-        path.write_text(content(count))
-        assert read(path) == replace(read(path), count=count, warning="")
-    for spoilt in ("", "{", "[]", content(7).replace("7", "-7"), content(7).replace("queue/1", "queue/9"), "\udcff"):
-        path.write_text(spoilt, errors="surrogateescape")
-        assert read(path).count is None
-        assert "say the count" in read(path).warning
 
 
 def test_a_locked_queue_of_unknown_number_asks_a_person(config: Config) -> None:
