@@ -81,17 +81,15 @@ def missing_paths(text: str, folder: Path) -> set[str]:
     """Paths in backticks that are not there, from the root; a bare module counts from the path before it."""
     top = {path.name for path in ROOT.iterdir()}
     missing = set()
-    for line in text.splitlines():
-        beside = folder
-        for quoted in _QUOTED.findall(line):
-            if not _PATH.fullmatch(quoted) or quoted in _OTHER or (ROOT / "tests" / quoted).is_file():
-                continue
-            if "/" in quoted and quoted.split("/")[0] in top:
-                if not any(ROOT.glob(quoted.rstrip("/"))):
-                    missing.add(quoted)
-                beside = (ROOT / quoted).parent if "." in quoted.rsplit("/", 1)[-1] else ROOT / quoted
-            elif quoted.endswith(".py") and "/" not in quoted and not any(beside.glob(quoted)):
+    for quoted in _QUOTED.findall(text):
+        if not _PATH.fullmatch(quoted) or quoted in _OTHER or (ROOT / "tests" / quoted).is_file():
+            continue
+        if "/" in quoted and quoted.split("/")[0] in top:
+            if not any(ROOT.glob(quoted.rstrip("/"))):
                 missing.add(quoted)
+            folder = (ROOT / quoted).parent if "." in quoted.rsplit("/", 1)[-1] else ROOT / quoted
+        elif quoted.endswith(".py") and "/" not in quoted and not any(folder.glob(quoted)):
+            missing.add(quoted)
     return missing
 
 
