@@ -1,6 +1,6 @@
 """A random walk through the gate's inputs, and what must hold at every step whatever they were.
 
-The judgement is written again from docs/safety.md (layer 2, P05), without a look at the gate's state.
+The judgement is written anew from SAFETY.md, without a look at the gate's state.
 """
 
 from __future__ import annotations

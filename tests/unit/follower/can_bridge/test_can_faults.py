@@ -1,4 +1,4 @@
-"""Each fault that the simulated bus can inject ends in the reaction of docs/safety.md S19–S23, S33, in its time."""
+"""Each fault that can be switched on at the simulated bus ends in the reaction that SAFETY.md names, in its time."""
 
 from __future__ import annotations
 
