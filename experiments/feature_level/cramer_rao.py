@@ -53,7 +53,7 @@ def bound(task: Task, trace: Trace) -> dict[str, float]:
 
 
 def _backward(turn_rad: float) -> Array:
-    """∂(pose before)/∂(pose after) of one step of eq. (relative); the way driven does not enter."""
+    """∂(pose before)/∂(pose after) of one step of eq. (2), the relative motion; the way driven does not enter."""
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 

@@ -156,7 +156,7 @@ class PaperPilot:
         controller.reset()
 
     def see(self, measurement: Measurement, wheels: Twist, applied: Twist) -> None:
-        """Measured state; a point out of view is carried on by eq. (feature_prediction)."""
+        """Measured state; a point out of view is carried on by eq. (17), the prediction of features."""
         measured = extended_state(measurement.features, measurement.theta_rad)
         if self._state is None:
             self._state = measured

@@ -34,7 +34,7 @@ def _canvas(rows: int, columns: int, size_in: tuple[float, float]) -> tuple[Any,
 
 
 def draw_trajectories(traces: dict[str, list[Trace]], config: Config, path: Path) -> None:
-    """Plan view of every start; θ(t) and features of the first: the paper's Fig. (curve)."""
+    """Plan view of every start; θ(t) and features of the first, as in the paper's figure of trajectories."""
     figure, axes = _canvas(2, 2, (11, 8))
     plan, heading, image, error = axes.ravel()
     for method, runs in traces.items():
@@ -64,7 +64,7 @@ def draw_trajectories(traces: dict[str, list[Trace]], config: Config, path: Path
 
 
 def draw_disturbed_runs(traces: dict[str, Trace], pads: tuple[Pads, ...], path: Path) -> None:
-    """The paper's Fig. (eso): plan view over the pads, estimated disturbance, compensation."""
+    """As the paper's figure of its observer: plan view over the pads, estimated disturbance, compensation."""
     figure, axes = _canvas(3, 1, (10, 11))
     plan, estimate, output = axes[:, 0]
     for method, trace in traces.items():

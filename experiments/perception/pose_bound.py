@@ -35,7 +35,7 @@ class ThetaError:
 def pose_bound(config: Config, relative: Pose2, sigma_px: float) -> Array:
     """Cramér–Rao bound of the standard deviations of x, y [m], θ [rad] for a camera that does not tilt.
 
-    Independent of the estimator's Jacobian: central differences of eq. (featurepoint).
+    Independent of the estimator's Jacobian: central differences of eq. (4), a point of {L} in {C}.
     """
     points, mount = config.leds.points, config.camera.mount
     step = 1e-6

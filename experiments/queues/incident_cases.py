@@ -1,4 +1,4 @@
-"""The incidents: what happens, when, and which ends the safety concept (its failure modes) calls right.
+"""The incidents: what happens, when, and which ends are right by the failure modes of docs/safety.md.
 
 Whatever does not end docked still holds its trolley.
 """

@@ -1,6 +1,6 @@
 """What goes wrong at a collection, and what the robots do: ``davpc experiment incidents``.
 
-Each case is done in several seeds; its end must be that of the safety concept, with the right cause on the wire and
+Each case is done in several seeds; its end must be that of docs/safety.md, with the right cause on the wire and
 in the report of the attempt, at standstill, and with the trolley still held where anything is in contact.
 """
 
@@ -100,7 +100,7 @@ def run(
 
 
 def is_right(case: Case, end: End) -> bool:
-    """Whether it ended as the safety concept says."""
+    """Whether it ended as docs/safety.md requires."""
     if not (end.happened and end.still and end.reported and end.slow and end.ended in case.ends):
         return False
     if case.pauses and not (end.paused and bool(end.searches) == (case.pauses == "search")):

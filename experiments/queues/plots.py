@@ -29,7 +29,7 @@ def _canvas(rows: int, columns: int, size_in: tuple[float, float]) -> tuple[Any,
 def draw_sequential(
     queues: list[list[Docking]], image_bounds: list[tuple[float, float]], config: Config, path: Path
 ) -> None:
-    """The paper's Fig. (error): e_y and e_θ by trolley, every docking, mean, bound, and what the image allows."""
+    """As in the paper's figure of errors: e_y and e_θ by trolley, each docking, mean, bound, bound of the image."""
     figure, axes = _canvas(2, 1, (9, 7))
     numbers = np.arange(1, len(image_bounds) + 1)
     names = (("e_y_cm", "e_y [cm]"), ("e_theta_deg", "e_θ [°]"))
@@ -53,7 +53,7 @@ def draw_sequential(
 
 
 def draw_scenarios(shown: dict[str, tuple[dict[str, Any], Docking]], config: Config, out: Path) -> None:
-    """The paper's Fig. (experiments): for each scenario three snapshots, θ measured and estimated, u_F over time."""
+    """As in the paper's figure of experiments: for each scenario three snapshots, θ measured and estimated, u_F."""
     columns = len(_SNAPSHOTS) + 2
     figure, axes = _canvas(len(shown), columns, (4 * columns, 3.4 * len(shown)))
     for cells, (name, (changes, docking)) in zip(axes, shown.items(), strict=True):

@@ -50,29 +50,29 @@ class Transition:
 
 
 TABLE: Final[tuple[Transition, ...]] = (
-    Transition("idle", "start", "staging", "a person asks"),
-    Transition("done", "start", "staging", "a person asks for the next trolley"),
-    Transition("aborted", "start", "staging", "a person asks, and no reset is needed"),
+    Transition("idle", "start", "staging", "the operator asks"),
+    Transition("done", "start", "staging", "the operator asks for the next trolley"),
+    Transition("aborted", "start", "staging", "the operator asks, and no reset is needed"),
     Transition("staging", "gripped", "acquire", "at the staging pose with a trolley in the grippers"),
-    Transition("acquire", "armed", "approach", "all well for 0.5 s, the drives are enabled"),
-    Transition("acquire", "leds_lost", "search", "no LEDs for the time to acquire them; three searches at most"),
-    Transition("search", "leds_found", "acquire", "the array is in sight again"),
+    Transition("acquire", "armed", "approach", "all healthy for 0.5 s, the drives are enabled"),
+    Transition("acquire", "leds_lost", "search", "no LEDs within the time to acquire them; at most three searches"),
+    Transition("search", "leds_found", "acquire", "the array is in view again"),
     Transition("approach", "leds_lost", "search", "paused for too long without LEDs, away from the goal"),
-    Transition("approach", "unreachable", "staging", "comes no nearer, all well; three retries at most"),
+    Transition("approach", "unreachable", "staging", "comes no nearer, all healthy; at most three retries"),
     Transition("approach", "arrived", "insert", "at the goal, settled"),
-    Transition("insert", "contact", "push", "the joint torques feel guide or queue"),
-    Transition("push", "connected", "lock", "rigid by joint torque, the way pushed, and the LEDs agree"),
-    Transition("lock", "confirmed", "release", "the Leader says that the trolley is locked"),
+    Transition("insert", "contact", "push", "the joint torques show guide or queue"),
+    Transition("push", "connected", "lock", "rigid by joint torque; the distance pushed and the LEDs agree"),
+    Transition("lock", "confirmed", "release", "the Leader confirms that the trolley is locked"),
     Transition("release", "released", "retract", "both grippers are open"),
     Transition("retract", "clear", "done", "backed away"),
-    Transition("staging", "late", "staging", "S1: somebody was late; armed anew, three times within 20 s at most"),
+    Transition("staging", "late", "staging", "S1: deadline missed; re-armed at most three times in 20 s"),
     *(
-        Transition(phase, "late", "acquire", "S1: somebody was late; armed anew, three times within 20 s at most")
+        Transition(phase, "late", "acquire", "S1: deadline missed; re-armed at most three times in 20 s")
         for phase in ("acquire", "search", "approach")
     ),
     *(Transition(phase, "failed", "aborted", "with a named cause; S2 needs a reset") for phase in ACTIVE),
-    *(Transition(phase, "abort", "aborted", "a person asks") for phase in ACTIVE),
-    *(Transition(phase, "reset", "idle", "a person asks") for phase in ENDED),
+    *(Transition(phase, "abort", "aborted", "the operator asks") for phase in ACTIVE),
+    *(Transition(phase, "reset", "idle", "the operator asks") for phase in ENDED),
 )
 _NEXT: Final = {(row.phase, row.event): row.to for row in TABLE}
 
@@ -87,7 +87,7 @@ def next_phase(phase: Phase, event: Event) -> Phase:
 
 
 def as_markdown() -> str:
-    """The table for people: rows that differ in their phase alone are one."""
+    """The table as ARCHITECTURE.md shows it: rows that differ in their phase alone are one."""
     rows: dict[tuple[str, str, str], list[str]] = {}
     for row in TABLE:
         rows.setdefault((row.event, row.to, row.when), []).append(row.phase)

@@ -13,7 +13,7 @@ import pytest
 
 from experiments.stop_times.watch import Canary
 
-# SAFETY's figures: a trial in which the host stood still for longer says nothing
+# docs/safety.md P01: a trial in which the host stalled for longer says nothing
 STALL_MS = 20.0
 # both robots, their world and the buses fill most of two cores at half of the usual speed
 SLOWNESS = 1.8
@@ -24,7 +24,7 @@ _given_up: list[str] = []
 _CALM_S, _PATIENCE_S = 3.0, 60.0
 _PACE_ADDITIONS, _PACE_PERIOD_S = 20_000, 0.25
 _USUAL_NS = (
-    50.0  # of CPU time for an addition in a loop of CPython 3.11, on the cores where SAFETY's figures were taken
+    50.0  # of CPU time for an addition in a loop of CPython 3.11, on the cores where docs/safety.md P01 was measured
 )
 
 

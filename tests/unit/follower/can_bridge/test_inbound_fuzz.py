@@ -107,7 +107,7 @@ def test_mutated_frames_neither_crash_it_nor_get_through(seed: int) -> None:
             assert _limits_hold(rig)
         assert session.moving > sent // 1000
         assert session.measured.malformed + session.measured.unknown > sent // 4
-        # SAFETY.md, figure 7; a leak of 20 bytes a frame shows in `make prove`
+        # docs/safety.md P07; a leak of 20 bytes a frame shows in `make prove`
         assert _resident_bytes() - before_bytes <= 5_000_000
 
 
