@@ -8,8 +8,8 @@ from common.geometry import Array
 from common.kinematics import twist_from_wheels
 from common.messages import DockingState
 from follower.supervisor.attempt import MAX_PAUSES, MAX_RETRIES, Attempt, Since
+from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs
 from follower.supervisor.lateral_forecast import LateralForecast
-from follower.supervisor.observed import Observed, Orders, Verdict
 from follower.supervisor.phases.acquire import search_refusal
 from follower.supervisor.phases.phase import PhaseLogic, failed
 
@@ -35,14 +35,14 @@ class WheelSlip:
         self._slipping = Since()
         self._needed_s = _SLIP_S
 
-    def step(self, seen: Observed) -> bool:
+    def step(self, inputs: SupervisorInputs) -> bool:
         """Take one step; true once it has been so for 0.3 s, later for 1 s."""
-        state, drives = seen.state, seen.drives
+        state, drives = inputs.state, inputs.drives
         slips = False
         if state is not None and state.valid and drives is not None:
             v_m_s, _ = twist_from_wheels(self._attempt.config.base, drives.wheel_speed_rad_s)
             slips = abs(v_m_s) > _SLIP_SPEED_M_S and state.disturbance[0] < self._gain
-        found = self._slipping.held_s(slips, seen.now_ns) >= self._needed_s
+        found = self._slipping.held_s(slips, inputs.now_ns) >= self._needed_s
         if found:
             self._needed_s = _SLIP_AGAIN_S
         return found
@@ -59,18 +59,18 @@ class Pause:
         self.lost_s = 0.0
         self.code = self.reason = ""
 
-    def step(self, seen: Observed, too_uncertain: bool) -> None:
+    def step(self, inputs: SupervisorInputs, too_uncertain: bool) -> None:
         """Take one step; ``too_uncertain``: with the LEDs that are left the goal cannot be told well enough."""
         attempt = self._attempt
-        self.code, self.reason = "unwell", attempt.blind(seen) or attempt.unwell(seen)
+        self.code, self.reason = "unwell", attempt.blind(inputs) or attempt.unwell(inputs)
         if not self.reason and too_uncertain:
             self.code, self.reason = "few_leds", "too few LEDs to tell the goal"
-        if self._slip.step(seen) and not self.reason:
+        if self._slip.step(inputs) and not self.reason:
             self.code, self.reason = "unwell", "the wheels slip"
-        if not self.reason and seen.state is not None and not attempt.reckoning.agrees(seen.state):
+        if not self.reason and inputs.state is not None and not attempt.reckoning.agrees(inputs.state):
             self.code, self.reason = "lock_disagrees", "the LEDs are not where they must be"
-        self.lost_s = self._lost.held_s(bool(self.reason), seen.now_ns)
-        green_s = self._green.held_s(not self.reason, seen.now_ns)
+        self.lost_s = self._lost.held_s(bool(self.reason), inputs.now_ns)
+        green_s = self._green.held_s(not self.reason, inputs.now_ns)
         if self.reason and not self.on:
             self.on = True
             attempt.pauses += 1
@@ -78,7 +78,7 @@ class Pause:
             self.on = False
 
 
-class Approach(PhaseLogic):
+class ApproachPhase(PhaseLogic):
     """Over when arrived and settled, when the LEDs stay lost, or when it comes no nearer."""
 
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
@@ -92,42 +92,42 @@ class Approach(PhaseLogic):
         self._driven_s = self._allowed_s = 0.0
         self._before_ns = now_ns
 
-    def step(self, seen: Observed) -> Orders | Verdict:
+    def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """See :class:`PhaseLogic`."""
-        if seen.arms is not None and seen.arms.connected:
+        if inputs.arms is not None and inputs.arms.connected:
             return failed("contact_early")
-        missing = self._missing_leds(seen)
-        self._pause.step(seen, bool(missing) and self._forecast.sigma_m(missing) > self.limits.reduced_sigma_m)
-        self._healthy_s = self._healthy.held_s(not self._pause.reason, seen.now_ns)
-        elapsed_s = (seen.now_ns - self._before_ns) * 1e-9
-        self._before_ns = seen.now_ns
+        missing = self._missing_leds(inputs)
+        self._pause.step(inputs, bool(missing) and self._forecast.sigma_m(missing) > self.limits.reduced_sigma_m)
+        self._healthy_s = self._healthy.held_s(not self._pause.reason, inputs.now_ns)
+        elapsed_s = (inputs.now_ns - self._before_ns) * 1e-9
+        self._before_ns = inputs.now_ns
         if self._pause.on:
-            return self._paused(seen)
+            return self._paused(inputs)
         self._driven_s += elapsed_s
         # slowed down for a missing LED it may take as much longer
         self._allowed_s += elapsed_s * (
             self.limits.reduced_speed_m_s / self.limits.approach_speed_m_s if missing else 1.0
         )
-        state = seen.state
+        state = inputs.state
         assert state is not None  # or it would pause
-        if self._settled(state, seen.now_ns) >= self.attempt.config.docking.settle_s:
-            return Verdict("arrived")
-        return self._unreachable(state, seen) or self._servo(state, bool(missing))
+        if self._settled(state, inputs.now_ns) >= self.attempt.config.docking.settle_s:
+            return PhaseResult("arrived")
+        return self._unreachable(state, inputs) or self._servo(state, bool(missing))
 
-    def _paused(self, seen: Observed) -> Orders | Verdict:
+    def _paused(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         pause = self._pause
-        self._settled(None, seen.now_ns)
+        self._settled(None, inputs.now_ns)
         if self.attempt.pauses > MAX_PAUSES:
             return failed(f"too_many_pauses: {pause.reason or 'resumed too often'}")
         if pause.lost_s > self.limits.lost_timeout_s:
-            blind = self.attempt.blind(seen)
+            blind = self.attempt.blind(inputs)
             if not blind:
                 return failed(f"{pause.code}: {pause.reason}")
-            refusal = search_refusal(self.attempt, seen)
-            return failed(refusal) if refusal else Verdict("leds_lost")
-        return Orders(waiting=pause.reason or "health")
+            refusal = search_refusal(self.attempt, inputs)
+            return failed(refusal) if refusal else PhaseResult("leds_lost")
+        return PhaseOutputs(waiting=pause.reason or "health")
 
-    def _servo(self, state: DockingState, reduced: bool) -> Orders:
+    def _servo(self, state: DockingState, reduced: bool) -> PhaseOutputs:
         limits = self.limits
         before_m = max(0.0, state.x_m - self.attempt.goal.x_m - LAST_METRE_M)
         v_max = min(
@@ -135,23 +135,23 @@ class Approach(PhaseLogic):
         )
         if reduced:
             v_max = min(v_max, limits.reduced_speed_m_s)
-        return Orders("servo", v_max_m_s=v_max, w_max_rad_s=self.attempt.config.limits.w_max_rad_s)
+        return PhaseOutputs(motion="servo", v_max_m_s=v_max, w_max_rad_s=self.attempt.config.limits.w_max_rad_s)
 
     def _settled(self, state: DockingState | None, now_ns: int) -> float:
         return self._arrived.held_s(state is not None and arrived(self.attempt, state), now_ns)
 
-    def _missing_leds(self, seen: Observed) -> tuple[int, ...]:
+    def _missing_leds(self, inputs: SupervisorInputs) -> tuple[int, ...]:
         """LEDs that have not been seen for 0.3 s, while others are."""
-        state = seen.state
+        state = inputs.state
         if state is None or not state.valid or len(state.features) != len(self._last_seen_ns):
             return ()
         for led, feature in enumerate(state.features):
             if feature is not None:
-                self._last_seen_ns[led] = seen.now_ns
+                self._last_seen_ns[led] = inputs.now_ns
         latest_ns = max(self._last_seen_ns)
         return tuple(led for led, at in enumerate(self._last_seen_ns) if latest_ns - at > _MISSING_LED_S * 1e9)
 
-    def _unreachable(self, state: DockingState, seen: Observed) -> Verdict | None:
+    def _unreachable(self, state: DockingState, inputs: SupervisorInputs) -> PhaseResult | None:
         """No nearer for too long, beyond the goal, or too long under way: from the staging pose again, if it may."""
         goal = self.attempt.goal
         off_m = math.hypot(state.x_m - goal.x_m, state.y_m) + _HEADING_LEVER_M * abs(state.theta_rad)
@@ -166,20 +166,20 @@ class Approach(PhaseLogic):
             cause = "approach_timeout"
         else:
             return None
-        return self._again(cause, seen)
+        return self._again(cause, inputs)
 
-    def _again(self, cause: str, seen: Observed) -> Verdict | None:
+    def _again(self, cause: str, inputs: SupervisorInputs) -> PhaseResult | None:
         attempt = self.attempt
         if attempt.retries >= MAX_RETRIES:
             return failed(f"{cause}: {attempt.retries} retries")
-        touched = seen.arms is None or seen.arms.contact or seen.arms.connected or not seen.arms.gripped
-        if touched or attempt.leader_unready(seen):
+        touched = inputs.arms is None or inputs.arms.contact or inputs.arms.connected or not inputs.arms.gripped
+        if touched or attempt.leader_unready(inputs):
             return failed(f"{cause}: no retry with something in contact or a lock engaged")
         if self._healthy_s < _HEALTHY_S:
             return None  # a moment ago it was not well: when it has been for 2 s
         attempt.retries += 1
         attempt.retreating = True
-        return Verdict("unreachable", cause)
+        return PhaseResult("unreachable", cause)
 
 
 def arrived(attempt: Attempt, state: DockingState) -> bool:
