@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from common.causes import cause_code
 from common.channels import DOCKING_STATE
 from common.config import Config
-from common.geometry import wrap_angle
+from common.docking_errors import docked_error
+from common.geometry import Pose2
 from common.messages import DockingState, Drives, Mission, Phase
 from common.timing import NS_PER_MS, NS_PER_S
 from follower.supervisor.attempt import Attempt
 from follower.supervisor.interface import SupervisorInputs
+from follower.supervisor.journal import ATTEMPT_SCHEMA
 from follower.supervisor.transitions import ENDED
 
-SCHEMA = "attempt/1"
 _SERVOED: tuple[Phase, ...] = ("approach",)
 
 
@@ -70,10 +71,10 @@ class AttemptReport:
         running.phases_s[running.phase] = round(running.phases_s.get(running.phase, 0.0) + spent_s, 3)
         if inputs.state is not None and inputs.state.valid:
             if phase == "insert":
-                running.arrival = errors(inputs.state, attempt.goal.x_m)
+                running.arrival = errors(inputs.state, attempt.goal)
             elif phase == "lock" and inputs.drives is not None and attempt.contact_begin_m is not None:
                 pushed_m = attempt.odometer_m(inputs.drives) - attempt.contact_begin_m
-                running.connected = errors(inputs.state, attempt.goal.x_m - pushed_m)
+                running.connected = errors(inputs.state, replace(attempt.goal, x_m=attempt.goal.x_m - pushed_m))
         running.phase, running.since_ns = phase, inputs.now_ns
         running.set_before = None
 
@@ -124,7 +125,7 @@ class AttemptReport:
 
     def _record(self, running: _Running, now_ns: int, mission: Mission, attempt: Attempt) -> dict[str, Any]:
         return {
-            "schema": SCHEMA,
+            "schema": ATTEMPT_SCHEMA,
             "trolley": attempt.trolley,
             "epoch": attempt.epoch,
             "method": self._config.controller.method,
@@ -145,11 +146,11 @@ class AttemptReport:
         }
 
 
-def errors(state: DockingState, behind_m: float) -> dict[str, float]:
-    """The estimate as a signed error of {F} in {L}, where it should stand ``behind_m`` behind: cm and degrees."""
-    c, s = math.cos(state.theta_rad), math.sin(state.theta_rad)
+def errors(state: DockingState, goal: Pose2) -> dict[str, float]:
+    """The estimated error against a goal (pose of {L} in {F}), signed, in cm and degrees."""
+    error = docked_error(Pose2(state.x_m, state.y_m, state.theta_rad).inverse(), goal)
     return {
-        "e_x_cm": round(100 * (state.x_m * c + state.y_m * s - behind_m), 3),
-        "e_y_cm": round(100 * (state.x_m * s - state.y_m * c), 3),
-        "e_theta_deg": round(-math.degrees(wrap_angle(state.theta_rad)), 3),
+        "e_x_cm": round(100 * error.e_x_m, 3),
+        "e_y_cm": round(100 * error.e_y_m, 3),
+        "e_theta_deg": round(error.e_theta_deg, 3),
     }

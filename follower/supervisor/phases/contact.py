@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+from common.docking_errors import docked_error
+from common.geometry import Pose2
 from common.messages import DockingState, Drives
 from follower.supervisor.attempt import Attempt, Since
 from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs, straight
@@ -99,10 +102,10 @@ class PushPhase(_Ahead):
         before its place is rigid too, and of a later one no switch tells.
         """
         docking, goal = self.attempt.config.docking, self.attempt.goal
-        c, s = math.cos(state.theta_rad), math.sin(state.theta_rad)
-        behind_m = state.x_m * c + state.y_m * s
-        across_m = abs(state.x_m * s - state.y_m * c)
+        at = Pose2(state.x_m, state.y_m, state.theta_rad).inverse()
+        by_stroke = docked_error(at, replace(goal, x_m=goal.x_m - docking.push_stroke_m))
+        by_wheels = docked_error(at, replace(goal, x_m=goal.x_m - pushed_m))
         bound_m = docking.lateral_bound_first_m if self.attempt.trolley == 1 else docking.lateral_bound_next_m
-        short_m = behind_m - (goal.x_m - docking.push_stroke_m) - _SHORT_M
-        by_wheels_m = abs(goal.x_m - pushed_m - behind_m)
-        return math.inf if short_m > 0.0 else max(by_wheels_m, across_m - bound_m)
+        if by_stroke.e_x_m > _SHORT_M:
+            return math.inf
+        return max(abs(by_wheels.e_x_m), abs(by_wheels.e_y_m) - bound_m)
