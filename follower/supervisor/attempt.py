@@ -21,21 +21,6 @@ MAX_RETRIES = 3
 MAX_PAUSES = 5
 
 
-class Since:
-    """For how long a condition has held without a break."""
-
-    def __init__(self) -> None:
-        self._since_ns: int | None = None
-
-    def held_s(self, holds: bool, now_ns: int) -> float:
-        """Seconds that it has held, 0 if it does not."""
-        if not holds:
-            self._since_ns = None
-        elif self._since_ns is None:
-            self._since_ns = now_ns
-        return 0.0 if self._since_ns is None else (now_ns - self._since_ns) / NS_PER_S
-
-
 @dataclass(kw_only=True)
 class Attempt:
     """One docking from start to end.

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from common.timing import NS_PER_S
-from follower.supervisor.attempt import MAX_SEARCHES, Attempt, Since, not_enabled
+from common.timing import NS_PER_S, HeldFor
+from follower.supervisor.attempt import MAX_SEARCHES, Attempt, not_enabled
 from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs, turning
 from follower.supervisor.phases.phase import PhaseLogic, failed
 
-_CONFIRM_S = 0.5
+_CONFIRM_NS = NS_PER_S // 2
 _THERE_RAD, _SLOWEST_RAD_S = 0.02, 0.05
 # a state with these causes is no image in which the array could be missing: turning would not help
 _NO_IMAGE = frozenset({"no_frame", "stale_frame", "bad_frame", "frozen_camera"})
@@ -38,7 +38,8 @@ class AcquirePhase(PhaseLogic):
 
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
         super().__init__(attempt, now_ns)
-        self._well, self._blind = Since(), Since()
+        self._well = HeldFor(_CONFIRM_NS)
+        self._blind = HeldFor(round(self.limits.lost_timeout_s * NS_PER_S))
         self._lacked = ""
 
     def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
@@ -46,14 +47,14 @@ class AcquirePhase(PhaseLogic):
         attempt = self.attempt
         missing = self._missing(inputs)
         self._lacked = missing or self._lacked
-        if self._well.held_s(not missing, inputs.now_ns) >= _CONFIRM_S:
+        if self._well.step(inputs.now_ns, not missing):
             attempt.armed = True
             if attempt.obeyed(inputs.drives):
                 return PhaseResult("armed")
         only_blind = bool(missing) and missing == attempt.blind(inputs)
-        blind_s = self._blind.held_s(only_blind, inputs.now_ns)
+        lost = self._blind.step(inputs.now_ns, only_blind)
         refusal = search_refusal(attempt, inputs) if only_blind else ""
-        if blind_s >= self.limits.lost_timeout_s and not refusal:
+        if lost and not refusal:
             return PhaseResult("leds_lost")
         if self.elapsed_s(inputs) > self.limits.acquire_timeout_s:
             named = refusal if inputs.state is not None else ""
@@ -85,20 +86,21 @@ class SearchPhase(PhaseLogic):
         self._targets: list[float] = []
         self._leg_ns = now_ns
         self._heading_rad: float | None = None
-        self._locked, self._well, self._unwell = Since(), Since(), Since()
+        self._found, self._well = HeldFor(_CONFIRM_NS), HeldFor(_CONFIRM_NS)
+        self._unwell = HeldFor(round(self.limits.lost_timeout_s * NS_PER_S), strictly=True)
 
     def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """See :class:`PhaseLogic`."""
         attempt, state = self.attempt, inputs.state
         found = state is not None and state.valid and attempt.reckoning.agrees(state)
-        if self._locked.held_s(found, inputs.now_ns) >= _CONFIRM_S:
+        if self._found.step(inputs.now_ns, found):
             return PhaseResult("leds_found")
         unwell = attempt.unwell(inputs) or ("no docking state" if state is None else "")
         if not attempt.armed:
             unwell = unwell or attempt.rolling() or attempt.leader_unready(inputs)
-        if self._unwell.held_s(bool(unwell), inputs.now_ns) > self.limits.lost_timeout_s:
+        if self._unwell.step(inputs.now_ns, bool(unwell)):
             return failed("estimator_silent" if state is None else f"unwell: {unwell}")
-        if self._well.held_s(not unwell, inputs.now_ns) >= _CONFIRM_S:
+        if self._well.step(inputs.now_ns, not unwell):
             attempt.armed = True
         if (inputs.now_ns - self._leg_ns) > self._leg_limit_s * NS_PER_S:
             still = "the turn is not covered" if attempt.enabled else not_enabled(inputs.drives)

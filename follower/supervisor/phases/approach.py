@@ -7,7 +7,8 @@ import math
 from common.geometry import Array
 from common.kinematics import twist_from_wheels
 from common.messages import DockingState
-from follower.supervisor.attempt import MAX_PAUSES, MAX_RETRIES, Attempt, Since
+from common.timing import NS_PER_S, HeldFor
+from follower.supervisor.attempt import MAX_PAUSES, MAX_RETRIES, Attempt
 from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs
 from follower.supervisor.lateral_forecast import LateralForecast
 from follower.supervisor.phases.acquire import search_refusal
@@ -15,25 +16,25 @@ from follower.supervisor.phases.phase import PhaseLogic, failed
 
 LAST_METRE_M = 1.0
 _SLOWING_M_S2 = 0.15  # towards it: gently enough for the controller to follow, so that the gate has nothing to clip
-_GREEN_S = 0.5
-_HEALTHY_S = 2.0
-_MISSING_LED_S = 0.3
+_RESUME_NS = NS_PER_S // 2
+_HEALTHY_NS = 2 * NS_PER_S
+_MISSING_LED_NS = 3 * NS_PER_S // 10
 _NEARER_M = 0.02
 _HEADING_LEVER_M = 0.5
 _OVERSHOT_M = 0.15
-# row 40: an error of the wheels' speed, as a share of the largest that the estimator may find, that no load explains;
+# an error of the wheels' speed, as a share of the largest that the estimator may find, that no load explains;
 # for how long, and once paused for how long again, while the estimator learns that it is over; above which speed
-_SLIP_SHARE, _SLIP_S, _SLIP_AGAIN_S, _SLIP_SPEED_M_S = 0.6, 0.3, 1.0, 0.05
+_SLIP_SHARE, _SLIP_NS, _SLIP_AGAIN_NS, _SLIP_SPEED_M_S = 0.6, 3 * NS_PER_S // 10, NS_PER_S, 0.05
 
 
 class WheelSlip:
-    """Whether the wheels turn and the robot, by its own sight, hardly follows (SAFETY.md, row 40)."""
+    """Whether the wheels turn and the robot, by its own sight, hardly follows (``docs/safety.md`` S40)."""
 
     def __init__(self, attempt: Attempt) -> None:
         self._attempt = attempt
         self._gain = -_SLIP_SHARE * attempt.config.estimator.disturbance.bound[0]
-        self._slipping = Since()
-        self._needed_s = _SLIP_S
+        self._first, self._again = HeldFor(_SLIP_NS), HeldFor(_SLIP_AGAIN_NS)
+        self._found_once = False
 
     def step(self, inputs: SupervisorInputs) -> bool:
         """Take one step; true once it has been so for 0.3 s, later for 1 s."""
@@ -42,9 +43,9 @@ class WheelSlip:
         if state is not None and state.valid and drives is not None:
             v_m_s, _ = twist_from_wheels(self._attempt.config.base, drives.wheel_speed_rad_s)
             slips = abs(v_m_s) > _SLIP_SPEED_M_S and state.disturbance[0] < self._gain
-        found = self._slipping.held_s(slips, inputs.now_ns) >= self._needed_s
-        if found:
-            self._needed_s = _SLIP_AGAIN_S
+        first, again = self._first.step(inputs.now_ns, slips), self._again.step(inputs.now_ns, slips)
+        found = again if self._found_once else first
+        self._found_once = self._found_once or found
         return found
 
 
@@ -54,10 +55,16 @@ class Pause:
 
     def __init__(self, attempt: Attempt) -> None:
         self._attempt = attempt
-        self._green, self._lost, self._slip = Since(), Since(), WheelSlip(attempt)
+        self._well = HeldFor(_RESUME_NS)
+        self._unwell = HeldFor(round(attempt.config.supervisor.lost_timeout_s * NS_PER_S), strictly=True)
+        self._slip = WheelSlip(attempt)
         self.on = False
-        self.lost_s = 0.0
         self.code = self.reason = ""
+
+    @property
+    def too_long(self) -> bool:
+        """Whether it has not been well for longer than ``supervisor.lost_timeout_s``."""
+        return self._unwell.on
 
     def step(self, inputs: SupervisorInputs, too_uncertain: bool) -> None:
         """Take one step; ``too_uncertain``: with the LEDs that are left the goal cannot be told well enough."""
@@ -69,12 +76,12 @@ class Pause:
             self.code, self.reason = "unwell", "the wheels slip"
         if not self.reason and inputs.state is not None and not attempt.reckoning.agrees(inputs.state):
             self.code, self.reason = "lock_disagrees", "the LEDs are not where they must be"
-        self.lost_s = self._lost.held_s(bool(self.reason), inputs.now_ns)
-        green_s = self._green.held_s(not self.reason, inputs.now_ns)
+        self._unwell.step(inputs.now_ns, bool(self.reason))
+        well = self._well.step(inputs.now_ns, not self.reason)
         if self.reason and not self.on:
             self.on = True
             attempt.pauses += 1
-        elif self.on and green_s >= _GREEN_S:
+        elif self.on and well:
             self.on = False
 
 
@@ -84,7 +91,8 @@ class ApproachPhase(PhaseLogic):
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
         super().__init__(attempt, now_ns)
         self._pause = Pause(attempt)
-        self._arrived, self._healthy = Since(), Since()
+        self._settled = HeldFor(round(attempt.config.docking.settle_s * NS_PER_S))
+        self._healthy = HeldFor(_HEALTHY_NS)
         self._forecast = LateralForecast(attempt.config, attempt.goal)
         self._last_seen_ns: list[int] = [now_ns] * len(attempt.desired)
         self._nearest_m = math.inf
@@ -98,7 +106,7 @@ class ApproachPhase(PhaseLogic):
             return failed("contact_early")
         missing = self._missing_leds(inputs)
         self._pause.step(inputs, bool(missing) and self._forecast.sigma_m(missing) > self.limits.reduced_sigma_m)
-        self._healthy_s = self._healthy.held_s(not self._pause.reason, inputs.now_ns)
+        self._healthy.step(inputs.now_ns, not self._pause.reason)
         elapsed_s = (inputs.now_ns - self._before_ns) * 1e-9
         self._before_ns = inputs.now_ns
         if self._pause.on:
@@ -110,16 +118,16 @@ class ApproachPhase(PhaseLogic):
         )
         state = inputs.state
         assert state is not None  # or it would pause
-        if self._settled(state, inputs.now_ns) >= self.attempt.config.docking.settle_s:
+        if self._settled.step(inputs.now_ns, arrived(self.attempt, state)):
             return PhaseResult("arrived")
         return self._unreachable(state, inputs) or self._servo(state, bool(missing))
 
     def _paused(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         pause = self._pause
-        self._settled(None, inputs.now_ns)
+        self._settled.reset()
         if self.attempt.pauses > MAX_PAUSES:
             return failed(f"too_many_pauses: {pause.reason or 'resumed too often'}")
-        if pause.lost_s > self.limits.lost_timeout_s:
+        if pause.too_long:
             blind = self.attempt.blind(inputs)
             if not blind:
                 return failed(f"{pause.code}: {pause.reason}")
@@ -137,9 +145,6 @@ class ApproachPhase(PhaseLogic):
             v_max = min(v_max, limits.reduced_speed_m_s)
         return PhaseOutputs(motion="servo", v_max_m_s=v_max, w_max_rad_s=self.attempt.config.limits.w_max_rad_s)
 
-    def _settled(self, state: DockingState | None, now_ns: int) -> float:
-        return self._arrived.held_s(state is not None and arrived(self.attempt, state), now_ns)
-
     def _missing_leds(self, inputs: SupervisorInputs) -> tuple[int, ...]:
         """LEDs that have not been seen for 0.3 s, while others are."""
         state = inputs.state
@@ -149,7 +154,7 @@ class ApproachPhase(PhaseLogic):
             if feature is not None:
                 self._last_seen_ns[led] = inputs.now_ns
         latest_ns = max(self._last_seen_ns)
-        return tuple(led for led, at in enumerate(self._last_seen_ns) if latest_ns - at > _MISSING_LED_S * 1e9)
+        return tuple(led for led, at in enumerate(self._last_seen_ns) if latest_ns - at > _MISSING_LED_NS)
 
     def _unreachable(self, state: DockingState, inputs: SupervisorInputs) -> PhaseResult | None:
         """No nearer for too long, beyond the goal, or too long under way: from the staging pose again, if it may."""
@@ -175,7 +180,7 @@ class ApproachPhase(PhaseLogic):
         touched = inputs.arms is None or inputs.arms.contact or inputs.arms.connected or not inputs.arms.gripped
         if touched or attempt.leader_unready(inputs):
             return failed(f"{cause}: no retry with something in contact or a lock engaged")
-        if self._healthy_s < _HEALTHY_S:
+        if not self._healthy.on:
             return None  # a moment ago it was not well: when it has been for 2 s
         attempt.retries += 1
         attempt.retreating = True

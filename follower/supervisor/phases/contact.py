@@ -8,7 +8,8 @@ from dataclasses import replace
 from common.docking_errors import docked_error
 from common.geometry import Pose2
 from common.messages import DockingState, Drives
-from follower.supervisor.attempt import Attempt, Since
+from common.timing import NS_PER_S, HeldFor
+from follower.supervisor.attempt import Attempt
 from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs, straight
 from follower.supervisor.phases.phase import PhaseLogic, failed
 
@@ -22,7 +23,7 @@ class _Ahead(PhaseLogic):
 
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
         super().__init__(attempt, now_ns)
-        self._lost = Since()
+        self._lost = HeldFor(round(self.limits.lost_timeout_s * NS_PER_S), strictly=True)
         self._before_ns = now_ns
         self._driven_s = 0.0
 
@@ -39,8 +40,7 @@ class _Ahead(PhaseLogic):
             return failed("no_contact")
         elapsed_s, self._before_ns = (inputs.now_ns - self._before_ns) * 1e-9, inputs.now_ns
         unwell = self.attempt.unwell(inputs) or self.attempt.blind(inputs)
-        lost_s = self._lost.held_s(bool(unwell), inputs.now_ns)
-        if lost_s > self.limits.lost_timeout_s:
+        if self._lost.step(inputs.now_ns, bool(unwell)):
             return failed(self._lost_cause(inputs, unwell))
         if unwell:
             return PhaseOutputs(contact_expected=True, waiting=unwell)
@@ -88,7 +88,7 @@ class PushPhase(_Ahead):
             return failed("contact_early")
         state = inputs.state
         if state is None or not state.valid:
-            if self._lost.held_s(True, inputs.now_ns) > self.limits.lost_timeout_s:
+            if self._lost.step(inputs.now_ns, True):
                 return failed(self._lost_cause(inputs, self.attempt.blind(inputs)))
             return PhaseOutputs(contact_expected=True, waiting="LEDs")
         if self._visual_error_m(state, pushed_m) > self.limits.push_visual_tolerance_m:

@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import Literal
 
 from common.messages import Drives
-from common.timing import NS_PER_S
-from follower.supervisor.attempt import Attempt, Since, not_enabled
+from common.timing import NS_PER_S, HeldFor
+from follower.supervisor.attempt import Attempt, not_enabled
 from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs, straight
 from follower.supervisor.phases.phase import PhaseLogic, failed
 
 Stage = Literal["check", "open", "back", "stand", "close"]
 _STAND_S = 0.5
-_HEALTHY_S = 2.0
-_HELD_S = 0.5
+_HEALTHY_NS = 2 * NS_PER_S
+_HELD_NS = NS_PER_S // 2
 _CHECK_TIMEOUT_S = 5.0
 _SPARE_S = 10.0
 _NEAR_M = 0.02
@@ -30,7 +30,9 @@ class StagingPhase(PhaseLogic):
         super().__init__(attempt, now_ns)
         self._stage: Stage = "check"
         self._stage_ns = now_ns
-        self._healthy, self._still, self._gripped = Since(), Since(), Since()
+        self._healthy, self._gripped = HeldFor(_HEALTHY_NS), HeldFor(_HELD_NS)
+        stand_s = _STAND_S if attempt.retreating else max(_STAND_S, self.limits.trolley_wait_s)
+        self._still = HeldFor(round(stand_s * NS_PER_S))
         self._back_m = 0.0
         self._back_from_m: float | None = None
         self._stood_ns: int | None = None
@@ -66,8 +68,8 @@ class StagingPhase(PhaseLogic):
         to_goal_m = attempt.to_goal_m()
         if not lacking and to_goal_m is None:
             lacking = "the Leader was not seen yet"
-        healthy_s = self._healthy.held_s(not lacking, inputs.now_ns)
-        if lacking or to_goal_m is None or (attempt.retreating and healthy_s < _HEALTHY_S):
+        healthy = self._healthy.step(inputs.now_ns, not lacking)
+        if lacking or to_goal_m is None or (attempt.retreating and not healthy):
             wait = PhaseOutputs(waiting=lacking or "health")
             return failed(f"staging_timeout: {lacking}") if self.elapsed_s(inputs) > _CHECK_TIMEOUT_S else wait
         docking = attempt.config.docking
@@ -101,21 +103,21 @@ class StagingPhase(PhaseLogic):
     def _stand(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         if self._stood_ns is None:
             self._stood_ns = inputs.now_ns
-        still_s = self._still.held_s(self.attempt.standstill.holds, inputs.now_ns)
+        stood = self._still.step(inputs.now_ns, self.attempt.standstill.holds)
         if self.attempt.retreating:
-            if still_s < _STAND_S:
+            if not stood:
                 return PhaseOutputs(waiting="standstill")
             self.attempt.retreating = False
             return PhaseResult("gripped")
         if inputs.now_ns - self._stood_ns > self.limits.trolley_timeout_s * NS_PER_S:
             return failed("no_trolley")
-        if still_s >= max(_STAND_S, self.limits.trolley_wait_s):
+        if stood:
             return self._enter("close", inputs)
         return PhaseOutputs(waiting="trolley")
 
     def _close(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         self.attempt.grip = "closed"
-        if self._gripped.held_s(inputs.arms is not None and inputs.arms.gripped, inputs.now_ns) >= _HELD_S:
+        if self._gripped.step(inputs.now_ns, inputs.arms is not None and inputs.arms.gripped):
             return PhaseResult("gripped")
         if self._stage_s(inputs) > self.limits.grip_timeout_s:
             return self._enter("open", inputs)
@@ -124,7 +126,8 @@ class StagingPhase(PhaseLogic):
     def _enter(self, stage: Stage, inputs: SupervisorInputs) -> PhaseOutputs:
         """The next stage, from the next step on; this one stands."""
         self._stage, self._stage_ns = stage, inputs.now_ns
-        self._still, self._gripped = Since(), Since()
+        self._still.reset()
+        self._gripped.reset()
         return PhaseOutputs(waiting="staging pose")
 
     def _stage_s(self, inputs: SupervisorInputs) -> float:
