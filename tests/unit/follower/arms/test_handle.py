@@ -18,12 +18,16 @@ from common.messages import Drives
 from common.node import NodeContext
 from common.timing import NS_PER_MS, SteppedClock
 from experiments.contact.handle_bench import resting_mission
-from follower.arms.contact_detection import CollisionSense, ContactSense, SlipSense
+from follower.arms.collision_detection import CollisionDetector
+from follower.arms.contact_detection import ContactDetector
 from follower.arms.grasp import GraspSequence
 from follower.arms.handle import HandleHold
-from follower.arms.impedance import HandleImpedance, PostureSense, handle_force
+from follower.arms.impedance import HandleImpedance
 from follower.arms.kinematics import Angles, ReachError, ScaraArm, check_postures, grip_poses, make_arms
 from follower.arms.node import ArmsNode
+from follower.arms.posture import PostureTracker, handle_force
+from follower.arms.sampling import SampleInterval
+from follower.arms.slip_detection import SlipDetector
 from tests.unit.follower.supervisor.test_sequence import DRIVES, Bench
 
 angles = st.floats(-2.5, 2.5)
@@ -31,6 +35,14 @@ joint_angles = st.tuples(angles, angles, angles)
 torques = st.floats(-20.0, 20.0)
 GRIPPED, OPEN, EMPTY = (0.15, 0.15), (1.2, 1.2), (0.0, 0.15)
 DT_S = 0.01
+_time_ns = 0
+
+
+def tick(cycles: int = 1) -> SampleInterval:
+    """The next interval of 10 ms, or of several."""
+    global _time_ns
+    begin_ns, _time_ns = _time_ns, _time_ns + cycles * 10 * NS_PER_MS
+    return SampleInterval(begin_ns, _time_ns)
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +144,7 @@ def test_the_arms_process_does_not_start_with_a_handle_out_of_reach(config: Conf
 def test_no_joint_ever_gets_more_than_its_limit(
     config: Config, q: tuple[float, ...], speeds: tuple[float, ...], reference: Pose2, push_n: float, firmness: float
 ) -> None:
-    sense = PostureSense(config.arms)
+    sense = PostureTracker(config.arms)
     sense.posture(q, 0)
     posture = sense.posture(tuple(a + 0.01 * w for a, w in zip(q, speeds, strict=True)), 10 * NS_PER_MS)
     told = HandleImpedance(config.arms).torques(posture, reference, push_n, firmness)
@@ -142,7 +154,7 @@ def test_no_joint_ever_gets_more_than_its_limit(
 
 @given(force=st.tuples(st.floats(-60, 60), st.floats(-60, 60)))
 def test_the_force_at_the_handle_is_felt_through_all_six_joints(config: Config, force: tuple[float, float]) -> None:
-    posture = PostureSense(config.arms).posture(holding_angles(config), 0)
+    posture = PostureTracker(config.arms).posture(holding_angles(config), 0)
     wrench = np.array([force[0] / 2, force[1] / 2, 1.5])
     held = tuple(float(t) for jacobian in posture.jacobians for t in jacobian.T @ wrench)
     assert handle_force(posture, held) == pytest.approx(force, abs=1e-9)
@@ -152,7 +164,7 @@ def test_a_displaced_handle_is_pulled_back_in_its_own_frame(config: Config) -> N
     arms, held = config.arms, Pose2(config.arms.handle_x_m, 0.0, 0.0)
     impedance, stiffness = HandleImpedance(arms), 2 * arms.held_stiffness[0]
     for x_mm, push_n in ((-5.0, 0.0), (4.0, 0.0), (0.0, 12.0)):
-        posture = PostureSense(arms).posture(holding_angles(config, arms.handle_x_m + x_mm / 1000), 0)
+        posture = PostureTracker(arms).posture(holding_angles(config, arms.handle_x_m + x_mm / 1000), 0)
         force = handle_force(posture, impedance.torques(posture, held, push_n, 1.0))
         assert force == pytest.approx([-stiffness * x_mm / 1000 + push_n, 0.0], abs=1e-6)
     free = impedance.torques(posture, Pose2(arms.handle_x_m + 0.01, 0.0, 0.0), 0.0, 0.0)
@@ -161,7 +173,7 @@ def test_a_displaced_handle_is_pulled_back_in_its_own_frame(config: Config) -> N
 
 def test_damping_opposes_motion(config: Config) -> None:
     arms = config.arms
-    sense = PostureSense(arms)
+    sense = PostureTracker(arms)
     sense.posture(holding_angles(config, arms.handle_x_m - 0.002), 0)
     posture = sense.posture(holding_angles(config, arms.handle_x_m), 10 * NS_PER_MS)
     told = HandleImpedance(arms).torques(posture, Pose2(arms.handle_x_m, 0.0, 0.0), 0.0, 1.0)
@@ -176,7 +188,7 @@ def run_grasp(
 ) -> list[str]:
     stages: list[str] = []
     for _ in range(round(seconds / DT_S)):
-        step = grasp.step("open" if wanted == "open" else "closed", grip, lift_m, DT_S)
+        step = grasp.step("open" if wanted == "open" else "closed", grip, lift_m, tick())
         if not stages or stages[-1] != step.stage:
             stages.append(step.stage)
     return stages
@@ -185,24 +197,24 @@ def run_grasp(
 def test_letting_go_relaxes_first_then_opens_then_retracts(config: Config) -> None:
     arms = config.arms
     grasp = GraspSequence(arms)
-    grasp.restart(arms.handle_x_m, GRIPPED, 0.2)
-    held = grasp.step("closed", GRIPPED, arms.lift_height_m, DT_S)
+    grasp.restart(arms.handle_x_m, GRIPPED, 0.2, _time_ns)
+    held = grasp.step("closed", GRIPPED, arms.lift_height_m, tick())
     assert (held.stage, held.firmness, held.grip_torque_n_m) == ("hold", 1.0, arms.grip_torque_n_m)
-    first = grasp.step("open", GRIPPED, arms.lift_height_m, DT_S)
+    first = grasp.step("open", GRIPPED, arms.lift_height_m, tick())
     assert (first.stage, first.grip_torque_n_m) == ("relax", arms.grip_torque_n_m)
     assert run_grasp(grasp, "open", GRIPPED, arms.lift_height_m, 1.0) == ["relax", "open"]
-    opening = grasp.step("open", GRIPPED, arms.lift_height_m, DT_S)
+    opening = grasp.step("open", GRIPPED, arms.lift_height_m, tick())
     assert (opening.firmness, opening.grip_torque_n_m) == (0.0, arms.release_torque_n_m)
     assert opening.handle_x_m == pytest.approx(arms.handle_x_m)
     assert run_grasp(grasp, "open", OPEN, arms.lift_height_m, 2.0) == ["retract"]
-    away = grasp.step("open", OPEN, arms.lift_travel_m, DT_S)
+    away = grasp.step("open", OPEN, arms.lift_travel_m, tick())
     assert (away.handle_x_m, away.lift_m) == pytest.approx((arms.retracted_x_m, arms.lift_travel_m))
 
 
 def test_grasping_reaches_lifts_closes_and_holds_only_what_is_there(config: Config) -> None:
     arms = config.arms
     grasp = GraspSequence(arms)
-    grasp.restart(arms.retracted_x_m, OPEN, 0.2)
+    grasp.restart(arms.retracted_x_m, OPEN, 0.2, _time_ns)
     assert run_grasp(grasp, "closed", OPEN, arms.lift_travel_m, 3.0) == ["reach"]
     assert run_grasp(grasp, "closed", OPEN, arms.lift_height_m, 1.0) == ["close"]
     assert run_grasp(grasp, "closed", EMPTY, arms.lift_height_m, 1.0) == ["close"]
@@ -213,25 +225,25 @@ def test_grasping_reaches_lifts_closes_and_holds_only_what_is_there(config: Conf
 def test_fingers_that_pass_the_angles_of_holding_hold_nothing(config: Config) -> None:
     arms = config.arms
     grasp = GraspSequence(arms)
-    grasp.restart(arms.handle_x_m, OPEN, arms.lift_height_m)
+    grasp.restart(arms.handle_x_m, OPEN, arms.lift_height_m, _time_ns)
     run_grasp(grasp, "closed", OPEN, arms.lift_height_m, 1.0)
     for step in range(100):
         angle = max(0.01, 0.30 - 0.005 * step)
-        assert grasp.step("closed", (angle, angle), arms.lift_height_m, DT_S).stage == "close"
+        assert grasp.step("closed", (angle, angle), arms.lift_height_m, tick()).stage == "close"
 
 
 def test_one_empty_gripper_never_opens_the_other_at_a_restart(config: Config) -> None:
     arms = config.arms
     grasp = GraspSequence(arms)
-    grasp.restart(arms.handle_x_m, EMPTY, 0.2)
-    assert grasp.step("closed", EMPTY, arms.lift_height_m, DT_S).grip_torque_n_m > 0
+    grasp.restart(arms.handle_x_m, EMPTY, 0.2, _time_ns)
+    assert grasp.step("closed", EMPTY, arms.lift_height_m, tick()).grip_torque_n_m > 0
 
 
 def test_references_glide(config: Config) -> None:
     arms = config.arms
     grasp = GraspSequence(arms)
-    grasp.restart(0.40, GRIPPED, 0.2)
-    places = [grasp.step("closed", GRIPPED, arms.lift_height_m, DT_S).handle_x_m for _ in range(80)]
+    grasp.restart(0.40, GRIPPED, 0.2, _time_ns)
+    places = [grasp.step("closed", GRIPPED, arms.lift_height_m, tick()).handle_x_m for _ in range(80)]
     assert max(abs(b - a) for a, b in pairwise([0.40, *places])) <= 0.10 * DT_S + 1e-12
     assert places[-1] == pytest.approx(arms.handle_x_m)
 
@@ -240,16 +252,16 @@ def test_references_glide(config: Config) -> None:
 
 
 def feel_for(
-    sense: ContactSense, force_n: float, seconds: float, acceleration: float = 0.0, expected: bool = True
-) -> ContactSense:
+    sense: ContactDetector, force_n: float, seconds: float, acceleration: float = 0.0, expected: bool = True
+) -> ContactDetector:
     for _ in range(round(seconds / DT_S)):
-        sense.step(force_n, acceleration, DT_S, expected=expected)
+        sense.step(force_n, acceleration, tick(), expected=expected)
     return sense
 
 
 def test_contact_lasts_and_has_hysteresis(config: Config) -> None:
     threshold = config.arms.contact_force_n
-    sense = ContactSense(config.arms)
+    sense = ContactDetector(config.arms)
     assert not feel_for(sense, 0.9 * threshold, 3.0).contact
     assert not feel_for(sense, 2 * threshold, 0.08).contact
     assert not feel_for(sense, 0.0, 0.5).contact
@@ -259,7 +271,7 @@ def test_contact_lasts_and_has_hysteresis(config: Config) -> None:
 
 
 def test_a_rigid_connection_takes_more_than_the_guide(config: Config) -> None:
-    sense = ContactSense(config.arms)
+    sense = ContactDetector(config.arms)
     assert (feel_for(sense, 55.0, 1.0).contact, sense.connected) == (True, False)
     assert feel_for(sense, 100.0, 0.4).connected
     assert feel_for(sense, 60.0, 0.4).connected
@@ -267,60 +279,60 @@ def test_a_rigid_connection_takes_more_than_the_guide(config: Config) -> None:
 
 
 def test_contact_needs_the_visual_error_too_connection_does_not(config: Config) -> None:
-    sense = ContactSense(config.arms)
+    sense = ContactDetector(config.arms)
     assert not feel_for(sense, 60.0, 2.0, expected=False).contact
     assert feel_for(sense, 60.0, 0.5).contact
-    assert feel_for(ContactSense(config.arms), 100.0, 0.5, expected=False).connected
+    assert feel_for(ContactDetector(config.arms), 100.0, 0.5, expected=False).connected
 
 
 def test_contact_counts_from_the_learned_resistance_and_allows_for_inertia(config: Config) -> None:
-    threshold, sense = config.arms.contact_force_n, ContactSense(config.arms)
+    threshold, sense = config.arms.contact_force_n, ContactDetector(config.arms)
     for _ in range(500):
-        sense.step(12.0, 0.0, DT_S, rolling=True)
+        sense.step(12.0, 0.0, tick(), rolling=True)
     assert sense.resistance_n == pytest.approx(12.0, abs=0.2)
     assert not feel_for(sense, threshold + 8.0, 1.0).contact
     assert feel_for(sense, threshold + 15.0, 1.0).contact
-    assert not feel_for(ContactSense(config.arms), threshold + 10.0, 1.0, acceleration=0.5).contact
+    assert not feel_for(ContactDetector(config.arms), threshold + 10.0, 1.0, acceleration=0.5).contact
 
 
 def test_a_resistance_that_is_learned_stays_bounded(config: Config) -> None:
-    sense = ContactSense(config.arms)
+    sense = ContactDetector(config.arms)
     for force in [200.0] * 5 + [20.0] * 300 + [-50.0] * 300:
-        sense.step(force, 0.0, DT_S, rolling=True)
+        sense.step(force, 0.0, tick(), rolling=True)
         assert 0.0 <= sense.resistance_n <= config.arms.pushing_force_n
 
 
 def test_a_collision_is_two_samples_over_the_limit_or_a_fast_rise(config: Config) -> None:
     limit, rate = config.arms.collision_torque_n_m, config.arms.collision_rate_n_m_s
-    one = CollisionSense(config.arms)
+    one = CollisionDetector(config.arms)
     slow = [limit * i / 100 for i in range(100)]
-    assert not any(one.step((torque, *[0.0] * 5), DT_S) for torque in slow)
-    assert not one.step((0.0, limit + 0.1, *[0.0] * 4), DT_S * 20)
-    assert not one.step((0.0, limit - 0.1, *[0.0] * 4), DT_S)
-    assert not one.step((0.0, -limit - 0.1 + 2 * limit + 0.2, *[0.0] * 4), DT_S)
-    assert one.step((0.0, limit + 0.1, *[0.0] * 4), DT_S)
-    two = CollisionSense(config.arms)
-    assert not any(two.step((0.0,) * 6, DT_S) for _ in range(10))
-    rising = [two.step((*[0.0] * 5, -1.5 * rate * DT_S * i), DT_S) for i in range(1, 5)]
+    assert not any(one.step((torque, *[0.0] * 5), tick().end_ns) for torque in slow)
+    assert not one.step((0.0, limit + 0.1, *[0.0] * 4), tick(20).end_ns)
+    assert not one.step((0.0, limit - 0.1, *[0.0] * 4), tick().end_ns)
+    assert not one.step((0.0, -limit - 0.1 + 2 * limit + 0.2, *[0.0] * 4), tick().end_ns)
+    assert one.step((0.0, limit + 0.1, *[0.0] * 4), tick().end_ns)
+    two = CollisionDetector(config.arms)
+    assert not any(two.step((0.0,) * 6, tick().end_ns) for _ in range(10))
+    rising = [two.step((*[0.0] * 5, -1.5 * rate * DT_S * i), tick().end_ns) for i in range(1, 5)]
     assert rising == [False, False, False, True]
     # as when casters swing round
-    assert not any(two.step((*[0.0] * 5, -6.0 * rate * DT_S), DT_S) for _ in range(9))
+    assert not any(two.step((*[0.0] * 5, -6.0 * rate * DT_S), tick().end_ns) for _ in range(9))
     once = [6.0, 8.5, 8.5, 11.5, 11.5, 11.5, 11.5]
-    assert not any(two.step((*[0.0] * 5, -share * rate * DT_S), DT_S) for share in once)
+    assert not any(two.step((*[0.0] * 5, -share * rate * DT_S), tick().end_ns) for share in once)
     two.forget()
-    assert not two.step((*[0.0] * 5, 0.9 * limit), DT_S)
+    assert not two.step((*[0.0] * 5, 0.9 * limit), tick().end_ns)
 
 
 def test_a_slip_is_a_jump_of_a_finger_or_a_lost_grip_torque(config: Config) -> None:
     full = (config.arms.grip_torque_n_m,) * 2
-    sense = SlipSense(config.arms)
-    assert not any(sense.step(GRIPPED, (0.0, 0.0), DT_S) for _ in range(20))
+    sense = SlipDetector(config.arms)
+    assert not any(sense.step(GRIPPED, (0.0, 0.0), tick()) for _ in range(20))
     assert not sense.suspected
-    assert not any(sense.step(GRIPPED, full, DT_S) for _ in range(100))
-    assert sense.step((0.15, 0.15 - 1.2 * config.arms.slip_jump_rad), full, DT_S)
+    assert not any(sense.step(GRIPPED, full, tick()) for _ in range(100))
+    assert sense.step((0.15, 0.15 - 1.2 * config.arms.slip_jump_rad), full, tick())
     sense.forget()
-    assert not any(sense.step(GRIPPED, full, DT_S) for _ in range(100))
-    weak = [sense.step(GRIPPED, (full[0], 0.4 * full[1]), DT_S) for _ in range(5)]
+    assert not any(sense.step(GRIPPED, full, tick()) for _ in range(100))
+    weak = [sense.step(GRIPPED, (full[0], 0.4 * full[1]), tick()) for _ in range(5)]
     assert (weak[0], weak[-1]) == (False, True)
 
 
@@ -373,7 +385,7 @@ def test_nothing_jumps_when_the_drives_begin_to_obey(config: Config) -> None:
 
 def test_the_push_follows_the_measured_resistance_and_the_commanded_direction(config: Config) -> None:
     hold, mission = HandleHold(config.arms, config.base), resting_mission(config)
-    posture = PostureSense(config.arms).posture(holding_angles(config), 0)
+    posture = PostureTracker(config.arms).posture(holding_angles(config), 0)
     torque = tuple(float(t) for jacobian in posture.jacobians for t in jacobian.T @ np.array([6.0, 0.0, 0.0]))
 
     def pushed(first_ms: int, speed_m_s: float) -> float:
