@@ -7,6 +7,8 @@ READY := $(VENV)/.ready
 PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
   $$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && echo $$p && break; done)
 SIM_ARGS ?=
+BRIDGE_TESTS := tests/unit/follower/can_bridge
+GATE_TESTS := $(addprefix $(BRIDGE_TESTS)/test_gate,.py _caps.py _wheels.py _window.py)
 
 help: ## List the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 16
@@ -43,14 +45,16 @@ lint: $(READY) ## Format, lint, types, import rules
 cover: $(READY) ## Branch coverage of the gate by its own tests: anything below 100 % fails
 	@$(VENV)/bin/python -m pytest -q --cov-branch --cov-fail-under=100 --cov-report=term-missing \
 	  $(addprefix --cov=follower.can_bridge.,gate wheel_watch arm_gate) \
-	  tests/unit/follower/can_bridge/test_gate.py tests/unit/follower/can_bridge/test_wheel_watch.py tests/unit/follower/can_bridge/test_arm_gate.py
+	  $(GATE_TESTS) $(BRIDGE_TESTS)/test_wheel_watch.py $(BRIDGE_TESTS)/test_arm_gate.py
 
 mutate: cover ## The same, then a mutation test of the gate: its tests must notice every change
-	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/gate.py tests/unit/follower/can_bridge/test_gate.py
-	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/wheel_watch.py tests/unit/follower/can_bridge/test_wheel_watch.py
+	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/gate.py $(GATE_TESTS)
+	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/wheel_watch.py $(BRIDGE_TESTS)/test_wheel_watch.py
 
 prove: $(READY) ## A million random steps of the gate, mutated CAN frames, events of both state machines
-	@GATE_STEPS=1000000 FUZZ_FRAMES=1000000 MACHINE_EVENTS=1000000 $(VENV)/bin/python -m pytest -q --timeout 1200 tests/unit/follower/can_bridge/test_gate_properties.py tests/unit/follower/can_bridge/test_inbound_fuzz.py tests/unit/follower/supervisor/test_machine_properties.py
+	@GATE_STEPS=1000000 FUZZ_FRAMES=1000000 MACHINE_EVENTS=1000000 $(VENV)/bin/python -m pytest -q --timeout 1200 \
+	  $(BRIDGE_TESTS)/test_gate_properties.py $(BRIDGE_TESTS)/test_inbound_fuzz.py \
+	  tests/unit/follower/supervisor/test_sequence_properties.py tests/unit/leader/test_lock_properties.py
 
 LOCK = uv pip compile --universal --generate-hashes --no-header --no-annotate --no-strip-extras --python-version 3.11 --no-emit-package davpc
 

@@ -13,11 +13,11 @@ import pytest
 
 from common.config import load_config
 from common.processes import PROCESSES
-from tests.deploy.conftest import HANGS_S, INSTALL_S, Installed, Workshop, install
 from tests.deploy.docking import TARGET, dock
 from tests.deploy.machines import PATIENCE_S, Machine, until
 from tests.deploy.probe import Probe
 from tests.deploy.units import SYSTEMD, unit_of
+from tests.deploy.workshop import HANGS_S, INSTALL_S, Installed, Workshop, install
 
 pytestmark = [pytest.mark.alone, pytest.mark.timeout(HANGS_S)]
 

@@ -14,11 +14,11 @@ import pytest
 from common.channels import LEADER_STATE
 from common.messages import LeaderState
 from common.processes import PROCESSES
-from tests.deploy.conftest import HANGS_S, Installed, Workshop
 from tests.deploy.docking import TARGET, ask, dock
 from tests.deploy.machines import PATIENCE_S, Machine, Network, until
 from tests.deploy.probe import Probe
 from tests.deploy.units import ROOT, merged, unit_of
+from tests.deploy.workshop import HANGS_S, Installed, Workshop
 from tests.rigs.host import HostWatch, judged_on_a_calm_host
 
 pytestmark = [pytest.mark.alone, pytest.mark.timeout(HANGS_S)]

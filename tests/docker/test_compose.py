@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from common.processes import PROCESSES
-from tests.docker.conftest import ROOT, Deployment, Engine
+from tests.docker.engine import ROOT, Deployment, Engine
 from tests.rigs.host import judged_on_a_calm_host
-from tests.system.test_sim import is_docked
+from tests.rigs.sim_run import is_docked
 
 COMPOSE = (ROOT / "docker/compose.yaml").read_text()
 SERVICES = re.findall(

@@ -176,7 +176,8 @@ def main(arguments: Sequence[str]) -> int:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     for test in tests:
         importlib.import_module(".".join(Path(test).with_suffix("").parts))
-        del sys.modules[".".join(Path(test).with_suffix("").parts)]
+    for loaded in [name for name in sys.modules if name.startswith("tests.") and "mutation" not in name]:
+        del sys.modules[loaded]  # tests and their rigs are imported again, over the mutant
     if not survives(ast.unparse(tree), name, tests):
         sys.stdout.write("the tests fail on the module as it is\n")
         return 1

@@ -13,8 +13,8 @@ from typing import Any
 
 import zenoh
 
-from tests.net.conftest import pki
-from tests.system.conftest import until
+from tests.net.gateways import pki
+from tests.rigs.waiting import until
 
 
 @contextmanager

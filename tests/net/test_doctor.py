@@ -11,9 +11,9 @@ from gateway.access import robot_access
 from station.doctor.bus import Heard, listen
 from station.doctor.findings import Seen
 from station.doctor.network import check_access, check_certificate, check_link
-from tests.conftest import REFERENCE
-from tests.net.conftest import READY_S, Gateways, needs_openssl
-from tests.system.conftest import until
+from tests.net.gateways import READY_S, Gateways, needs_openssl
+from tests.rigs.canbus_rig import CONFIG_PATH
+from tests.rigs.waiting import until
 
 pytestmark = [pytest.mark.alone, needs_openssl]
 
@@ -35,11 +35,11 @@ def heard_gateway(gateways: Gateways) -> GatewayState:
 
 def test_rules_link_and_certificate_of_a_running_gateway(gateways: Gateways) -> None:
     state = heard_gateway(gateways)
-    network = load_config(REFERENCE, gateways.settings).network
+    network = load_config(CONFIG_PATH, gateways.settings).network
     same = check_access("follower", robot_access(network, "follower"), network.namespace, state)
     assert same.status == "ok", same
     assert "as the gateway works" in same.seen
-    edited = load_config(REFERENCE, [*gateways.settings, "network.operators=[]"]).network
+    edited = load_config(CONFIG_PATH, [*gateways.settings, "network.operators=[]"]).network
     other = check_access("follower", robot_access(edited, "follower"), edited.namespace, state)
     assert other.status == "failed", other
     assert check_link("follower", state).status == "ok"

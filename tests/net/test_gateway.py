@@ -19,8 +19,8 @@ from common.channels import (
 )
 from common.processes import GATEWAYS, PROCESSES, process
 from gateway.access import OTHER, Robot
-from tests.net.conftest import READY_S, Gateways, Heard, needs_openssl, published_until_heard
-from tests.system.conftest import until
+from tests.net.gateways import READY_S, Gateways, Heard, needs_openssl, published_until_heard
+from tests.rigs.waiting import until
 
 pytestmark = [pytest.mark.alone, needs_openssl]
 Players = dict[Robot, Bus]

@@ -16,8 +16,8 @@ from gateway.access import OTHER, Robot, exports, robot_access
 from gateway.credentials import check_credentials
 from gateway.node import robot_router, site_router
 from station.cli import app
-from tests.conftest import REFERENCE
-from tests.net.conftest import needs_openssl, pki
+from tests.net.gateways import needs_openssl, pki
+from tests.rigs.canbus_rig import CONFIG_PATH
 
 ROBOTS: tuple[Robot, ...] = tuple(OTHER)
 
@@ -65,7 +65,7 @@ def test_the_leaders_state_and_the_lock_are_what_a_docking_needs() -> None:
 
 
 def test_the_guide_names_what_crosses() -> None:
-    guide = (REFERENCE.parents[2] / "docs/network.md").read_text()
+    guide = (CONFIG_PATH.parents[2] / "docs/network.md").read_text()
     assert all(f"`{channel.key}`" in guide for channel in CHANNELS if channel.reach == "pair")
 
 
@@ -137,7 +137,7 @@ def test_pairs_that_a_site_router_cannot_tell_apart_are_refused(changes: dict[st
 
 
 def test_the_command_line_shows_the_settings_that_the_gateway_opens_with(config: Config) -> None:
-    arguments = ["network", "settings", "leader", "--config", str(REFERENCE), "--runtime", "/run/davpc"]
+    arguments = ["network", "settings", "leader", "--config", str(CONFIG_PATH), "--runtime", "/run/davpc"]
     shown = CliRunner().invoke(app, arguments)
     assert json.loads(shown.output) == robot_router(config.network, "leader", Path("/run/davpc")).settings()
     refused = CliRunner().invoke(app, ["network", "settings", "station"])
@@ -155,7 +155,7 @@ def test_the_command_line_shows_the_settings_that_the_gateway_opens_with(config:
 )
 def test_a_mistake_in_the_network_table_is_named(setting: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
-        load_config(REFERENCE, [setting])
+        load_config(CONFIG_PATH, [setting])
 
 
 @needs_openssl

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.net.conftest import authority, needs_openssl, pki
+from tests.net.gateways import authority, needs_openssl, pki
 
 pytestmark = needs_openssl
 

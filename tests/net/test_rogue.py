@@ -19,9 +19,9 @@ from common.channels import CHANNELS, COMMAND, LEADER_STATE, LOCK_REQUEST
 from common.messages import Command, Header, encode, seal_command
 from common.processes import process
 from gateway.access import OTHER
-from tests.net.conftest import READY_S, Gateways, Heard, authority, needs_openssl, published_until_heard
+from tests.net.gateways import READY_S, Gateways, Heard, authority, needs_openssl, published_until_heard
 from tests.net.rogue import connected, expired, first_packets, resident_mb
-from tests.system.conftest import until
+from tests.rigs.waiting import until
 
 pytestmark = [pytest.mark.alone, needs_openssl]
 MESSAGES = 100

@@ -12,9 +12,9 @@ import pytest
 
 from common.bus import OnRequest
 from common.channels import LEADER_STATE, LOCK_REQUEST
-from tests.conftest import REFERENCE
-from tests.net.conftest import READY_S, Gateways, Heard, authority, free_port, needs_openssl, published_until_heard
-from tests.system.conftest import until
+from tests.net.gateways import READY_S, Gateways, Heard, authority, free_port, needs_openssl, published_until_heard
+from tests.rigs.canbus_rig import CONFIG_PATH
+from tests.rigs.waiting import until
 
 pytestmark = [pytest.mark.alone, needs_openssl]
 NAMES = ("a", "b")
@@ -27,7 +27,7 @@ def answering(name: bytes) -> OnRequest:
 
 def written(pair: Gateways, path: Path) -> Path:
     """The pair's robots.toml: the reference with its network."""
-    before, _, after = REFERENCE.read_text().partition("[network]")
+    before, _, after = CONFIG_PATH.read_text().partition("[network]")
     settings = dict(setting.removeprefix("network.").split("=", 1) for setting in pair.settings)
     lines = "\n".join(f"{key} = {value}" for key, value in settings.items())
     path.write_text(f"{before}[network]\n{lines}\n[world]{after.partition('[world]')[2]}")

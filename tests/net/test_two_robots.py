@@ -14,10 +14,10 @@ import pytest
 
 from common.processes import ONE_MACHINE
 from gateway.access import Robot
-from tests.net.conftest import Gateways, needs_openssl
+from tests.net.gateways import Gateways, needs_openssl
 from tests.net.rogue import first_packets, resident_mb
-from tests.system.conftest import judged_on_a_calm_host, until
-from tests.system.test_sim import is_docked
+from tests.rigs.sim_run import is_docked, judged_on_a_calm_host
+from tests.rigs.waiting import until
 
 pytestmark = [pytest.mark.alone, needs_openssl]
 GROWTH_MB = 5.0

@@ -121,3 +121,32 @@ def test_no_path_of_one_machine_is_written_down() -> None:
     for path in [*sources(*PACKAGES, "tests"), *ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]:
         if path != Path(__file__):
             assert not pattern.search(path.read_text()), path
+
+
+def test_no_test_imports_another_test() -> None:
+    """What tests of several folders share lives in ``tests/rigs``; what those of one folder share, beside them."""
+    for path in sources("tests"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                named = [f"{node.module}.{alias.name}" for alias in node.names]
+            elif isinstance(node, ast.Import):
+                named = [alias.name for alias in node.names]
+            else:
+                continue
+            parts = {part for name in named if name.startswith("tests.") for part in name.split(".")}
+            wrong = {part for part in parts if part == "conftest" or part.startswith("test_")}
+            assert not wrong, f"{path.relative_to(ROOT)}:{node.lineno} imports {', '.join(named)}"
+
+
+def test_unit_tests_mirror_the_product() -> None:
+    """``tests/unit/<path>/test_<module>.py`` tests ``<path>/<module>.py`` or the package of that name.
+
+    Where one file would be too long, ``test_<module>_<aspect>.py`` stand beside it. What takes several modules lies
+    in ``tests/stepped`` (whole robots in stepped time) or with the module whose behaviour it asserts.
+    """
+    for path in sorted((ROOT / "tests/unit").rglob("test_*.py")):
+        folder = ROOT / path.parent.relative_to(ROOT / "tests/unit")
+        modules = {entry.stem for entry in folder.glob("*") if entry.suffix == ".py" or entry.is_dir()}
+        tested = path.stem.removeprefix("test_").split("_")
+        names = {"_".join(tested[:count]) for count in range(1, len(tested) + 1)}
+        assert names & modules, f"{path.relative_to(ROOT)}: {folder.relative_to(ROOT)} has no such module"

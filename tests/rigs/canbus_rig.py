@@ -7,14 +7,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from common.canopen.frames import CanFrame
-from common.config import Config, FollowerCanConfig, default_config_path, load_config
+from common.config import Config, FollowerCanConfig, load_config
 from common.timing import NS_PER_MS, SteppedClock
 from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.measurement import DriveSetpoint, Measurement
 from sim.can.nodes import FollowerBus, LeaderBus
 from sim.can.stepped_bus import SteppedBus, SteppedChannel
 
-CONFIG_PATH: Path = default_config_path()
+CONFIG_PATH = Path(__file__).parents[2] / "deploy/config/robots.toml"
 DRIVE_EDS = CONFIG_PATH.parent / "davpc-drive-402.eds"
 IO_EDS = CONFIG_PATH.parent / "davpc-io-401.eds"
 
@@ -138,3 +138,16 @@ def is_stop(frame: CanFrame, node_id: int) -> bool:
         return False
     word, velocity = int.from_bytes(frame.data[:2], "little"), int.from_bytes(frame.data[2:], "little")
     return velocity == 0 or word & 0x04 == 0
+
+
+class StepPace:
+    """Sleeping lets the simulated world go on."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+
+    def now_ns(self) -> int:
+        return self._rig.clock.now_ns()
+
+    def sleep_until(self, deadline_ns: int) -> None:
+        self._rig.pass_time((deadline_ns - self._rig.clock.now_ns()) / 1e6)

@@ -15,7 +15,7 @@ from follower.supervisor.attempt import MAX_PAUSES, MAX_REARMED, MAX_RETRIES, MA
 from follower.supervisor.interface import SupervisorInputs, SupervisorOutputs
 from follower.supervisor.sequence import DockingSequence
 from follower.supervisor.transitions import ACTIVE, ENDED, IN_CONTACT
-from tests.unit.follower.supervisor.test_sequence import ARMS, DRIVES, LEADER, docking_state
+from tests.rigs.supervisor_rig import ARMS, DRIVES, LEADER, docking_state
 
 STEP_NS = NS_PER_S // 20
 RELEASED = ArmState(0.0, False, False, False, True)

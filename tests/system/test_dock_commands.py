@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.system.conftest import judged_on_a_calm_host
-from tests.system.test_tools import davpc
+from tests.rigs.sim_run import davpc, judged_on_a_calm_host
 
 
 @pytest.mark.alone

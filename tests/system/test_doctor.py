@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from tests.system.conftest import until
+from tests.rigs.waiting import until
 
 # the world is the first: the others need its buses
 RUNNING = ("world", "follower-can-bridge", "leader", "follower-camera", "follower-estimator")

@@ -15,7 +15,7 @@ import pytest
 from common.config import default_config_path
 from common.processes import PROCESSES
 from station.simulate import children
-from tests.system.conftest import until
+from tests.rigs.waiting import until
 
 pytestmark = pytest.mark.alone
 NEEDED = ("world", "follower-can-bridge", "follower-arms", "follower-supervisor")

@@ -21,15 +21,10 @@ from common.geometry import Pose2, features_at
 from follower.supervisor.taught import load
 from station.calibrate.mount_file import load_views
 from station.cli import app
-from tests.system.conftest import until
+from tests.rigs.sim_run import davpc
+from tests.rigs.waiting import until
 
 STANDS = Pose2(-2.2, 0.05, math.radians(2.0))  # Follower in {L}
-
-
-def davpc(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "station.cli", *arguments], capture_output=True, text=True, timeout=60, check=False
-    )
 
 
 @pytest.mark.alone

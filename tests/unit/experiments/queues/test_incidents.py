@@ -1,73 +1,20 @@
-"""What the experiments of the collection count as right, and what they run with."""
+"""What the incidents of the collection count as right."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from common.causes import CAUSES
-from common.config import Config
 from experiments.queues import incidents
 from experiments.queues.incident_cases import CASES
 from experiments.queues.incidents import End, is_right, report_agrees
-from experiments.queues.plots import draw_sequential
-from experiments.queues.run import Docking, plan, planned_config
-from experiments.queues.scenarios import SCENARIOS, Job, world_changes
-from experiments.queues.sequential import bound_m, image_bound, metrics_of, missed, missed_means
+from experiments.queues.run import Docking
 from follower.supervisor.transitions import ACTIVE
-from sim.optics.scenes import SCENES
-from sim.world_config import world_config
 from station.experiment import experiment
-
-
-def docked(trolley: int, e_y_cm: float) -> Docking:
-    metrics = {"e_x_cm": 0.5, "e_y_cm": e_y_cm, "e_theta_deg": 0.2, "e_p_px": 1.0}
-    return Docking(trolley, "done", "", metrics=metrics, locked=True)
-
-
-def test_a_later_trolley_starts_with_the_others_in_the_queue(config: Config) -> None:
-    planned = planned_config(plan(config, first=5, start=[8.0, 0.5, 0.0], scene="glass_hall", seed=9))
-    world = world_config(planned, "plan")
-    assert (world.docked, world.scene, world.seed) == (4, "glass_hall", 9)
-    assert planned.follower_can.bus.interface == planned.leader_can.bus.interface == "stepped"
-    assert config.world["seed"] != 9
-
-
-def test_only_what_is_truly_locked_within_its_bound_counts(config: Config) -> None:
-    false = docked(1, 0.5)
-    false.locked = False
-    metrics = metrics_of(config, [docked(1, 0.5), docked(1, 6.5), false, Docking(1, "aborted", "leds_lost")])
-    assert metrics["docked"] == 1
-    assert metrics["worst_e_y_cm"] == 6.5
-    assert metrics["e_y_cm"] == pytest.approx(2.5)
-    assert metrics_of(config, [docked(2, 6.5)])["docked"] == 1
-    assert bound_m(config, 1) < bound_m(config, 2)
-
-
-def test_the_image_allows_less_with_each_trolley(config: Config) -> None:
-    bounds = np.array([image_bound(config, trolley) for trolley in range(1, 9)])
-    assert (np.diff(bounds, axis=0) > 0.0).all()
-    assert bounds[0, 0] < 0.5
-
-
-def test_scenarios_are_those_of_the_paper_and_vary_with_the_trial(config: Config) -> None:
-    assert [(s.name, s.trolley) for s in SCENARIOS.values()] == [
-        ("dark_outdoor", 1),
-        ("parking_lot", 2),
-        ("glass_hall", 5),
-    ]
-    text = config.model_dump_json()
-    for scenario in SCENARIOS.values():
-        assert scenario.scene in SCENES
-        starts = {tuple(world_changes(Job(text, scenario, 1, trial))["start"]) for trial in range(20)}
-        assert len(starts) == 20
-        for start in starts:
-            planned = plan(config, first=scenario.trolley, scene=scenario.scene, start=list(start))
-            world_config(planned_config(planned), scenario.name)
 
 
 def test_every_expected_cause_is_one_that_exists() -> None:
@@ -131,31 +78,6 @@ def test_an_incident_that_ends_wrongly_is_told_and_fails_the_command(
     assert ("ended='unwell'" in result.output) == bool(code)
 
 
-def test_a_queue_misses_what_is_not_locked_not_within_its_bound_or_never_begun(config: Config) -> None:
-    seen_wrong = docked(3, 0.5)
-    seen_wrong.false_locks = 1
-    queues = [
-        [docked(1, 6.5), docked(2, 6.5), seen_wrong, docked(4, 1.0)],
-        [docked(1, 0.1), Docking(2, "aborted", "slip")],
-    ]
-    assert missed(config, queues, 4) == [
-        "trial 0, trolley 1: e_y 6.5 cm, more than 6 cm",
-        "trial 0, trolley 3: false lock on the way",
-        "trial 1, trolley 2: slip",
-        "trial 1, trolley 3: not begun",
-        "trial 1, trolley 4: not begun",
-    ]
-
-
-def test_a_mean_beyond_its_limit_is_missed_the_first_trolleys_sooner() -> None:
-    queues = [[docked(1, 0.5), docked(2, 1.4)], [docked(1, 0.7), docked(2, 1.5)]]
-    assert missed_means(queues) == ["trolley 1: mean e_y_cm 0.60, more than 0.5"]
-    queues[1][1] = docked(2, 1.8)
-    queues[0][0] = docked(1, 0.1)
-    assert missed_means(queues) == ["trolley 2: mean e_y_cm 1.60, more than 1.5"]
-    assert missed_means([[Docking(1, "aborted", "slip")]])[0].startswith("trolley 1: mean e_y_cm nan")
-
-
 def test_only_a_report_that_tells_the_same_end_agrees() -> None:
     docking = Docking(1, "aborted", "leds_lost: 3 searches")
     record = {"docked": False, "cause": docking.cause, "code": "leds_lost", "needs_reset": False}
@@ -163,9 +85,3 @@ def test_only_a_report_that_tells_the_same_end_agrees() -> None:
     for changed in ({"docked": True}, {"cause": ""}, {"code": "slip"}, {"needs_reset": True}):
         assert not report_agrees(record | changed, docking)
     assert not report_agrees({}, docking)
-
-
-def test_the_figure_is_drawn_with_failures_in_it(config: Config, tmp_path: Path) -> None:
-    queues = [[docked(1, 0.3), docked(2, 0.6)], [docked(1, 0.2), Docking(2, "aborted", "leds_lost")]]
-    draw_sequential(queues, [image_bound(config, trolley) for trolley in (1, 2)], config, tmp_path / "figure.png")
-    assert (tmp_path / "figure.png").stat().st_size > 10_000

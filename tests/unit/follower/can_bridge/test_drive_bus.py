@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 import socket
-import threading
-import time
 from pathlib import Path
 
 import pytest
 
-from common.canopen.bus import BusLostError, CanBus
+from common.canopen.bus import CanBus
 from common.canopen.cia402 import DriveState
-from common.canopen.frames import heartbeat_frame, nmt_frame
+from common.canopen.frames import heartbeat_frame
 from common.config import BusConfig
 from common.errors import ConfigError, DeviceError
-from common.timing import NS_PER_MS, NS_PER_S
+from common.timing import NS_PER_S
 from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.measurement import DriveSetpoint
-from leader.io_module import LeaderIo
-from sim.can.nodes import FollowerBus
-from sim.can.server import CanServer
 from tests.rigs.canbus_rig import (
     CONFIG_PATH,
     DRIVE_EDS,
     follower_rig,
-    leader_rig,
     rig_with,
     rim_speed,
     stepped_config,
@@ -179,50 +173,6 @@ def test_another_device_is_refused_by_name() -> None:
             rig.drives.open()
 
 
-def test_leader_module_lights_leds_and_keeps_them_on_silence() -> None:
-    with leader_rig() as (config, leader, channel, clock):
-        io = LeaderIo(config.leader_can, CONFIG_PATH, leds=4)
-        io.open()
-        io.set_led_currents([1.0, 1.0, 0.5, 0.0])
-        io.drive_actuator(1)
-        for _ in range(3):
-            leader.set_switches(True, False, False, True)
-            leader.set_led_current(2, leader.led_setpoint_a(2))
-            inputs = io.exchange(clock.now_ns())
-            clock.advance_to(clock.now_ns() + 20 * NS_PER_MS)
-            channel.tick()
-        assert inputs.fresh
-        assert inputs.led_current_a == (0.0, 0.0, 0.5, 0.0)
-        assert (inputs.guide_lifted, inputs.beam_seated, inputs.lock_retracted) == (True, False, True)
-        assert leader.actuator == 1
-        clock.advance_to(clock.now_ns() + 250 * NS_PER_MS)
-        channel.tick()
-        assert leader.actuator == 0
-        assert leader.led_setpoint_a(0) == 1.0
-
-
-def test_leader_module_that_restarts_has_to_be_opened_anew() -> None:
-    with leader_rig() as (config, leader, channel, clock):
-        io = LeaderIo(config.leader_can, CONFIG_PATH, leds=4)
-        with pytest.raises(BusLostError, match="not open"):
-            io.exchange(clock.now_ns())
-        io.open()
-        assert not io.exchange(clock.now_ns()).fresh
-        leader.bus.faults.injected += leader.io.handle(nmt_frame(0x81), clock.now_ns())
-        channel.tick()
-        with pytest.raises(BusLostError, match="leader I/O: node 50 restarted and has lost its configuration"):
-            io.exchange(clock.now_ns())
-        io.open()
-        io.exchange(clock.now_ns())
-        assert io.exchange(clock.now_ns()).fresh
-        io.close()
-
-
-def test_more_leds_than_the_module_drives_is_an_error_of_the_configuration() -> None:
-    with pytest.raises(ConfigError, match=r"leds.positions_m: 5 LEDs, the I/O module drives 4"):
-        LeaderIo(stepped_config().leader_can, CONFIG_PATH, leds=5)
-
-
 def test_stopped_within_an_exchange_it_does_not_send_the_rest_of_it_later() -> None:
     with follower_rig() as rig:
         rig.enable()
@@ -239,61 +189,6 @@ def test_stopped_within_an_exchange_it_does_not_send_the_rest_of_it_later() -> N
         drives.exchange(rig.clock.now_ns(), setpoint)
         rig.pass_time(10)
         assert rig.robot.left_wheel.state.value == 0x07
-
-
-def test_a_server_that_stood_still_says_so_to_its_nodes(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    robot = FollowerBus.build(stepped_config().follower_can, CONFIG_PATH)
-    ticked, ahead_ns = threading.Event(), 0
-    bus = robot.bus
-    stalls: list[int] = []
-    monkeypatch.setattr(bus, "stood_still", stalls.append)
-    server = CanServer(
-        socket.create_server(("127.0.0.1", 0)),
-        {"follower": bus},
-        lambda: time.monotonic_ns() + ahead_ns,
-        lambda _: ticked.set(),
-    )
-    server.start()
-    assert ticked.wait(10.0)
-    ahead_ns = 60 * NS_PER_S
-    while not any(stall >= 59 * NS_PER_S for stall in stalls):
-        ticked.clear()
-        assert ticked.wait(10.0)
-    server.stop()
-    assert "the simulated drives stood still for" in caplog.text
-
-
-def test_the_same_over_a_socket() -> None:
-    config = stepped_config()
-    robot = FollowerBus.build(config.follower_can, CONFIG_PATH)
-    ticked = threading.Event()
-    listener = socket.create_server(("127.0.0.1", 0))
-    server = CanServer(listener, {"follower": robot.bus}, time.monotonic_ns, lambda _: ticked.set())
-    server.start()
-    host, port = server.address
-    bus = BusConfig(interface="socketcand", channel="follower", host=host, port=port)
-    drives = DriveBus(config.follower_can.model_copy(update={"bus": bus}), config.base, CONFIG_PATH)
-    drives.open()
-    drives.enable()
-    enabled = False
-    for _ in range(2000):
-        measured = drives.exchange(time.monotonic_ns(), DriveSetpoint(left_rad_s=1.0))
-        enabled = enabled or measured.wheels_enabled
-        if enabled and robot.left_wheel.velocity_setpoint_rad_s > 0.05:
-            break
-        ticked.clear()
-        ticked.wait(1.0)
-    assert measured.troubles == ()
-    assert enabled
-    server.stop()
-    for _ in range(200):
-        measured = drives.exchange(time.monotonic_ns(), DriveSetpoint())
-        if not measured.bus_ok:
-            break
-    assert any("CAN bus" in fault for fault in measured.faults)
-    drives.close()
 
 
 @pytest.mark.parametrize(

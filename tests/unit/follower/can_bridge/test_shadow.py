@@ -10,8 +10,8 @@ from common.canopen.cia402 import DriveState
 from common.timing import NS_PER_MS
 from follower.can_bridge.measurement import DriveSetpoint
 from follower.can_bridge.shadow import Shadow
+from tests.rigs.bridge_rig import HEALTHY
 from tests.rigs.canbus_rig import Tap, rig_with, rim_speed, stepped_config
-from tests.unit.follower.can_bridge.test_bridge import HEALTHY
 
 
 def test_no_frame_enables_a_drive_in_shadow() -> None:

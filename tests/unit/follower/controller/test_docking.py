@@ -16,7 +16,7 @@ from common.messages import DockingState, Mission
 from common.timing import NS_PER_MS
 from follower.controller.docking import MAX_REPLAYED_PLANS, DockingController, Twist
 from follower.controller.interface import Plan, PlanStatus
-from tests.unit.follower.supervisor.test_sequence import Bench, docking_state
+from tests.rigs.supervisor_rig import Bench, docking_state
 
 
 class Puppet:

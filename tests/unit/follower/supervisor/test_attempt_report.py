@@ -19,7 +19,7 @@ from follower.supervisor.attempt_report import AttemptReport
 from follower.supervisor.journal import ATTEMPTS_FILE, Journal
 from follower.supervisor.run_watch import RunWatch
 from station.operate import attempts
-from tests.unit.follower.supervisor.test_sequence import ARMS, LEADER, Bench, docking_state
+from tests.rigs.supervisor_rig import ARMS, LEADER, Bench, docking_state
 
 
 class Reporting(Bench):

@@ -1,4 +1,4 @@
-"""Where the camera sits, and the desired image: recovered from what is seen, refused when it cannot be trusted."""
+"""Where the camera sits: recovered from what is seen, refused when it cannot be trusted."""
 
 from __future__ import annotations
 
@@ -10,14 +10,12 @@ import pytest
 
 from common.config import CameraConfig, Config
 from common.errors import ConfigError
-from common.geometry import Array, Pose2, features_at
+from common.geometry import Pose2, features_at
 from follower.estimator.lens import Lens
-from follower.supervisor.taught import calibration_hash, load, save
 from station.calibrate.mount import MountError, View, averaged, calibrate_mount, project, whole_tilt_rad
 from station.calibrate.mount_file import load_views, save_views
-from station.calibrate.teach import TeachError, teach
+from tests.rigs.mount_rig import FOCAL_PX, docked
 
-FOCAL_PX = 369.5
 TRUTH = np.array([0.262, 0.008, 1.187, math.radians(0.6), math.radians(-0.4), math.radians(0.3)])
 POSES = [
     Pose2(1.5, 0.0, 0.0),
@@ -80,17 +78,6 @@ def test_a_view_is_the_average_of_a_robot_at_rest(config: Config, tmp_path: Path
         averaged([one + 1e-3 * k for k, one in enumerate(features)], FOCAL_PX)
 
 
-@pytest.mark.parametrize(
-    ("pose", "point"), [("[NaN, 0, 0]", "[0, 0]"), ("[2, 0, Infinity]", "[0, 0]"), ("[2, 0, 0]", "[0, Infinity]")]
-)
-def test_views_that_are_no_numbers_are_named(tmp_path: Path, pose: str, point: str) -> None:
-    path = tmp_path / "views.json"
-    view = '{"pose": [2, 0, 0], "features": [null, [0, 0]]}'
-    path.write_text(f'[{view}, {{"pose": {pose}, "features": [null, {point}]}}]', encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"views\.json: view 2: .* not finite"):
-        load_views(path, 2)
-
-
 def test_untilted_mount_is_the_papers_projection(config: Config) -> None:
     state = np.array([*config.camera.mount, 0.0, 0.0, 0.0])
     assert project(config.leds.points, POSES[1], state) == pytest.approx(
@@ -111,60 +98,3 @@ def test_mount_refuses_what_does_not_determine_it(config: Config) -> None:
     ]
     with pytest.raises(MountError, match="residual of"):
         calibrate_mount(wrong, points, start, FOCAL_PX)
-
-
-def docked(config: Config, count: int = 40, noise_px: float = 0.05) -> tuple[list[Array], list[Pose2]]:
-    draws = np.random.default_rng(1)
-    clean = features_at(config.leds.points, Pose2(1.51, 0.0, 0.0), config.camera.mount)
-    features = [clean + draws.normal(0.0, noise_px / FOCAL_PX, clean.shape) for _ in range(count)]
-    return features, [Pose2(1.51, 0.0, 0.0)] * count
-
-
-def test_taught_image_is_the_average_and_is_compared_with_geometry(config: Config) -> None:
-    taught = teach(config, 1, *docked(config))
-    clean = features_at(config.leds.points, Pose2(1.51, 0.0, 0.0), config.camera.mount)
-    assert taught.features == pytest.approx(clean, abs=5e-5)
-    assert 0.5 < taught.offset_px < 5.0
-    assert taught.pose.x_m == pytest.approx(1.51)
-
-
-def test_unsteady_or_incomplete_frames_are_refused(config: Config) -> None:
-    features, poses = docked(config)
-    with pytest.raises(TeachError, match="5 of 5 frames show every LED, at least 30"):
-        teach(config, 1, features[:5], poses[:5])
-    with pytest.raises(TeachError, match="features move by"):
-        teach(config, 1, [one + 3e-4 * k for k, one in enumerate(features)], poses)
-    with pytest.raises(TeachError, match=r"0 of 40 frames .*: LED 2 is not always seen"):
-        teach(config, 1, [np.where(np.arange(4)[:, None] == 2, np.nan, one) for one in features], poses)
-
-
-def test_a_few_coasting_frames_are_left_out(config: Config) -> None:
-    features, poses = docked(config)
-    features[7] = features[20] = np.full((4, 2), np.nan)
-    poses[7] = Pose2(9.0, 9.0, 1.0)
-    taught = teach(config, 1, features, poses)
-    assert taught.frames == 38
-    assert taught.pose.x_m == pytest.approx(1.51)
-
-
-def test_frames_without_the_array_name_no_led(config: Config) -> None:
-    features, poses = docked(config)
-    with pytest.raises(TeachError, match=r"0 of 40 frames show every LED, at least 30 are needed$"):
-        teach(config, 1, [np.full_like(one, np.nan) for one in features], poses)
-
-
-def test_taught_image_is_kept_and_refused_under_another_calibration(config: Config, tmp_path: Path) -> None:
-    path = tmp_path / "docking1.json"
-    taught = teach(config, 1, *docked(config))
-    save(taught, path)
-    again = load(path, config.camera)
-    assert again.features == pytest.approx(taught.features)
-    assert (again.pose, again.trolley, again.calibration) == (taught.pose, 1, calibration_hash(config.camera))
-    for change in ({"mount_xyz_m": (0.25, 0.0, 1.21)}, {"mount_tilt_deg": (0.5, 0.0, 0.0)}, {"width_px": 1024}):
-        moved = CameraConfig.model_validate({**config.camera.model_dump(), **change})
-        with pytest.raises(ConfigError, match="another lens or mounting: teach docking 1 again"):
-            load(path, moved)
-    for broken in ("", "[]", '{"schema": "taught/1"}', '{"schema": "x"}'):
-        path.write_text(broken)
-        with pytest.raises(ConfigError, match=r"docking1\.json"):
-            load(path, config.camera)

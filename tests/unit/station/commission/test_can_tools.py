@@ -9,20 +9,7 @@ from sim.can.drive_402 import Drive402
 from sim.can.faults import EncoderFault
 from station.commission.can_tools import Monitor, follower_names, scan
 from station.commission.enable_test import Check, EnableTest
-from tests.rigs.canbus_rig import CONFIG_PATH, Rig, Tap, follower_rig, rim_speed
-
-
-class StepPace:
-    """Sleeping lets the simulated world go on."""
-
-    def __init__(self, rig: Rig) -> None:
-        self._rig = rig
-
-    def now_ns(self) -> int:
-        return self._rig.clock.now_ns()
-
-    def sleep_until(self, deadline_ns: int) -> None:
-        self._rig.pass_time((deadline_ns - self._rig.clock.now_ns()) / 1e6)
+from tests.rigs.canbus_rig import CONFIG_PATH, Rig, StepPace, Tap, follower_rig, rim_speed
 
 
 def test_scan_finds_every_node_by_name() -> None:

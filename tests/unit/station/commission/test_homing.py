@@ -13,8 +13,7 @@ from common.errors import ConfigError, DeviceError
 from follower.can_bridge.measurement import DriveSetpoint
 from sim.can.drive_402 import Drive402
 from station.commission.homing import Homing
-from tests.rigs.canbus_rig import CONFIG_PATH, Rig, follower_rig, rig_with, stepped_config
-from tests.unit.station.commission.test_can_tools import StepPace
+from tests.rigs.canbus_rig import CONFIG_PATH, Rig, StepPace, follower_rig, rig_with, stepped_config
 
 DOWN = HomingConfig(method=17, position=0.0, search_speed=0.04, zero_speed=0.005, acceleration=0.2)
 # a motor that turns the other way meets its negative limit switch at the axis' upper end

@@ -10,7 +10,7 @@ from common.config import Config
 from common.geometry import Pose2
 from common.messages import ArmState, Drives
 from follower.supervisor.transitions import next_phase
-from tests.unit.follower.supervisor.test_sequence import ARMS, LEADER, Bench, docking_state
+from tests.rigs.supervisor_rig import ARMS, LEADER, Bench, docking_state
 
 EMPTY = ArmState(0.0, False, False, False, True)
 LOCKED = replace(LEADER, lock="locked", queue=1)

@@ -1,4 +1,4 @@
-"""Whole runs of ``davpc sim``: helpers that find, kill and overhear its processes."""
+"""Whole runs of ``davpc sim``: helpers that start, find and overhear its processes."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ import struct
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,7 @@ import can
 import pytest
 
 from tests.rigs import host
+from tests.rigs.waiting import until
 
 
 class SimRun:
@@ -134,15 +133,6 @@ def judged_on_a_calm_host(test: Any) -> Any:
     return pytest.mark.timeout(_ALL_TRIES_S)(wrapper)
 
 
-def until(condition: Any, seconds: float) -> None:
-    """Wait for a condition, or fail."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > deadline:
-            pytest.fail("waited in vain")
-        time.sleep(0.01)
-
-
 class SimRuns:
     """Starts runs, each in a folder of its own, and ends them."""
 
@@ -162,9 +152,18 @@ class SimRuns:
             run.finish(30)
 
 
-@pytest.fixture
-def sim_run(tmp_path: Path) -> Iterator[SimRuns]:
-    """Starts runs and leaves none behind."""
-    runs = SimRuns(tmp_path)
-    yield runs
-    runs.stop()
+def is_docked(results: dict[str, Any]) -> bool:
+    metrics = results["metrics"]
+    return bool(
+        results["connected"]
+        and results["cause"] == "docked"
+        and metrics["e_y_cm"] <= 2.0
+        and metrics["e_theta_deg"] <= 1.0
+        and metrics["duration_s"] <= 60.0
+    )
+
+
+def davpc(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "station.cli", *arguments], capture_output=True, text=True, timeout=60, check=False
+    )

@@ -15,7 +15,7 @@ from follower.can_bridge.inbound import Inbound
 from follower.can_bridge.node import CanBridgeNode
 from follower.can_bridge.robot_axes import make_axes
 from tests.rigs.canbus_rig import CONFIG_PATH, Rig, Tap, follower_rig, rim_speed, stepped_config
-from tests.unit.follower.supervisor.test_sequence import Bench
+from tests.rigs.supervisor_rig import Bench
 
 READONLY = stepped_config("follower_can.readonly=true")
 

@@ -1,0 +1,87 @@
+"""A gate with fresh inputs around it, stepped at 100 Hz."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from common.config import BaseConfig, LimitsConfig
+from common.messages import Command, seal_command
+from follower.can_bridge.gate import (
+    ArmToken,
+    Decision,
+    Gate,
+    StampedCommand,
+    StopInputs,
+    WheelStatus,
+)
+
+MS = 1_000_000
+BOOT = "boot"
+T0 = 10_000 * MS
+RADIUS, TRACK = 0.085, 0.5
+BASE = BaseConfig(wheel_radius_m=RADIUS, track_m=TRACK, latency_ms=20.0)
+LIMITS = LimitsConfig(
+    v_min_m_s=-0.1,
+    v_max_m_s=0.5,
+    w_max_rad_s=0.6,
+    controller_dv_m_s=0.02,
+    controller_dw_rad_s=0.08,
+    gate_acceleration_m_s2=0.5,
+    gate_angular_acceleration_rad_s2=2.0,
+)
+CLEAR = StopInputs(fresh=True, estop_clear=True, protective_clear=True)
+
+
+def command(v: float = 0.3, w: float = 0.0, sequence: int = 1, stamp_ns: int = T0, epoch: int = 7) -> Command:
+    return seal_command(Command(v, w, epoch, sequence, stamp_ns, stamp_ns + 500 * MS, 1, stamp_ns))
+
+
+def stamped(sealed: Command, run_id: int = 5, boot_id: str = BOOT) -> StampedCommand:
+    return StampedCommand(sealed, run_id, boot_id)
+
+
+def token(stamp_ns: int = T0, **changes: Any) -> ArmToken:
+    return replace(ArmToken(True, stamp_ns, BOOT, 7, "approach", 0.5, 0.6), **changes)
+
+
+def wheels(v: float, now_ns: int, w: float = 0.0, enabled: bool = True) -> WheelStatus:
+    turn = w * TRACK / 2
+    return WheelStatus(now_ns, (v - turn) / RADIUS, (v + turn) / RADIUS, enabled, 0.0, 0.0)
+
+
+class Bench:
+    """A gate stepped at 100 Hz; wheels follow at once."""
+
+    def __init__(self, limits: LimitsConfig = LIMITS, **standing: Any) -> None:
+        self.gate = Gate(limits, BASE, BOOT)
+        self.now_ns = T0
+        self.v = self.w = 0.0
+        self.sequence = 0
+        self.standing = standing
+
+    def step(self, newest: StampedCommand | None = None, period_ms: float = 10.0, **given: Any) -> Decision:
+        inputs = {
+            "token": token(self.now_ns, **self.standing),
+            "status": wheels(self.v, self.now_ns, self.w),
+            "inputs": CLEAR,
+            **given,
+        }
+        decision = self.gate.step(self.now_ns, newest, **inputs)
+        self.v, self.w = decision.v_m_s, decision.w_rad_s
+        self.now_ns += round(period_ms * MS)
+        return decision
+
+    def order(self, v: float, w: float = 0.0, **given: Any) -> Decision:
+        """One step with a new command."""
+        self.sequence += 1
+        return self.step(stamped(command(v, w, self.sequence, self.now_ns)), **given)
+
+    def drive(self, v: float, w: float = 0.0, steps: int = 100) -> Decision:
+        for _ in range(steps - 1):
+            self.order(v, w)
+        return self.order(v, w)
+
+
+def replace_limits(**changes: float) -> LimitsConfig:
+    return LIMITS.model_copy(update=changes)

@@ -1,0 +1,46 @@
+"""The bench of the controllers counts what a solver leaves unsolved and what it gets wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from common.config import default_config_path, load_config
+from experiments.bench import control as bench_control
+from experiments.feature_level.scenes import method_config
+from follower.controller.interface import Plan
+
+CONFIG = load_config(default_config_path())
+
+
+def test_bench_counts_what_a_solver_leaves_unsolved_and_what_it_gets_wrong() -> None:
+    setting = method_config(CONFIG, "paper")
+    problems = bench_control.record_problems(setting, 8, 1)
+    assert sum(problem.timed for problem in problems) == 8
+    assert problems[-1].pose.x_m < 1.55  # to the arrival, not only the first metres
+    timing = bench_control.time_solver(setting, "gauss_newton", problems)
+    assert timing.failures == timing.silent_failures == 0
+    assert 0 < timing.median_ms <= timing.p99_ms <= timing.max_ms
+    *_, beyond = bench_control.worst_difference(setting, "gauss_newton", problems, every=1)
+    assert beyond == 0
+
+
+def test_bench_counts_a_first_input_far_from_the_converged_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    setting = method_config(CONFIG, "paper")
+    problems = bench_control.record_problems(setting, 4, 1)
+    true = bench_control._make
+
+    class Slower:
+        def __init__(self) -> None:
+            self._inner = true(setting, "gauss_newton")
+            self.reset = self._inner.reset
+
+        def solve(self, *arguments: Any) -> Plan:
+            plan = self._inner.solve(*arguments)
+            return replace(plan, v_m_s=plan.v_m_s - 0.02)
+
+    monkeypatch.setattr(bench_control, "_make", lambda *_: Slower())
+    *_, beyond = bench_control.worst_difference(setting, "gauss_newton", problems, every=1)
+    assert beyond == len(problems)

@@ -1,0 +1,75 @@
+"""Simulated drives behind a socket, in real time."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+
+import pytest
+
+from common.config import BusConfig
+from common.timing import NS_PER_S
+from follower.can_bridge.drive_bus import DriveBus
+from follower.can_bridge.measurement import DriveSetpoint
+from sim.can.nodes import FollowerBus
+from sim.can.server import CanServer
+from tests.rigs.canbus_rig import (
+    CONFIG_PATH,
+    stepped_config,
+)
+
+
+def test_a_server_that_stood_still_says_so_to_its_nodes(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    robot = FollowerBus.build(stepped_config().follower_can, CONFIG_PATH)
+    ticked, ahead_ns = threading.Event(), 0
+    bus = robot.bus
+    stalls: list[int] = []
+    monkeypatch.setattr(bus, "stood_still", stalls.append)
+    server = CanServer(
+        socket.create_server(("127.0.0.1", 0)),
+        {"follower": bus},
+        lambda: time.monotonic_ns() + ahead_ns,
+        lambda _: ticked.set(),
+    )
+    server.start()
+    assert ticked.wait(10.0)
+    ahead_ns = 60 * NS_PER_S
+    while not any(stall >= 59 * NS_PER_S for stall in stalls):
+        ticked.clear()
+        assert ticked.wait(10.0)
+    server.stop()
+    assert "the simulated drives stood still for" in caplog.text
+
+
+def test_the_same_over_a_socket() -> None:
+    config = stepped_config()
+    robot = FollowerBus.build(config.follower_can, CONFIG_PATH)
+    ticked = threading.Event()
+    listener = socket.create_server(("127.0.0.1", 0))
+    server = CanServer(listener, {"follower": robot.bus}, time.monotonic_ns, lambda _: ticked.set())
+    server.start()
+    host, port = server.address
+    bus = BusConfig(interface="socketcand", channel="follower", host=host, port=port)
+    drives = DriveBus(config.follower_can.model_copy(update={"bus": bus}), config.base, CONFIG_PATH)
+    drives.open()
+    drives.enable()
+    enabled = False
+    for _ in range(2000):
+        measured = drives.exchange(time.monotonic_ns(), DriveSetpoint(left_rad_s=1.0))
+        enabled = enabled or measured.wheels_enabled
+        if enabled and robot.left_wheel.velocity_setpoint_rad_s > 0.05:
+            break
+        ticked.clear()
+        ticked.wait(1.0)
+    assert measured.troubles == ()
+    assert enabled
+    server.stop()
+    for _ in range(200):
+        measured = drives.exchange(time.monotonic_ns(), DriveSetpoint())
+        if not measured.bus_ok:
+            break
+    assert any("CAN bus" in fault for fault in measured.faults)
+    drives.close()

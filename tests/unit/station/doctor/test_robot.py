@@ -1,0 +1,162 @@
+"""Findings about the robots."""
+
+from __future__ import annotations
+
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from common.config import Config, LimitsConfig
+from common.messages import Drives, Health, LeaderState
+from station.calibrate.lens_file import StoredCalibration
+from station.doctor.findings import (
+    Finding,
+    Seen,
+)
+from station.doctor.robot import (
+    check_battery,
+    check_calibration,
+    check_camera_link,
+    check_camera_rate,
+    check_configuration,
+    check_drivers,
+    check_drives,
+    check_leader,
+    check_leds_seen,
+    check_limits,
+    check_processes,
+    check_taught,
+)
+from tests.rigs.doctor_rig import told
+
+TODAY = date(2026, 5, 1)
+FILE = Path("calibration.toml")
+
+
+def test_configuration_and_limits(config: Config) -> None:
+    told(check_configuration(FILE, Seen(config)), "ok", "calibration.toml")
+    told(check_configuration(FILE, Seen(why="robots.toml: camera.rate_hz: too much")), "failed", "camera.rate_hz")
+    told(check_limits(config.limits), "ok", "v 0.5 of 0.6 m/s")
+    beyond = LimitsConfig.model_construct(**{**config.limits.model_dump(), "v_max_m_s": 0.7})
+    told(check_limits(beyond), "failed", "v 0.7 > 0.6 m/s")
+
+
+def changed(section: Any, **values: Any) -> Any:
+    """The same section with other values."""
+    return section.model_copy(update=values)
+
+
+def test_drivers(config: Config) -> None:
+    told(check_drivers(config, on_hardware=False), "ok", "camera sim")
+    told(check_drivers(config, on_hardware=True), "failed", "camera.driver, follower_can.bus, leader_can.bus")
+    shadow = changed(config, follower_can=changed(config.follower_can, shadow=True))
+    told(check_drivers(shadow, on_hardware=False), "warning", "shadow")
+    readonly = changed(config, follower_can=changed(config.follower_can, readonly=True))
+    told(check_drivers(readonly, on_hardware=False), "warning", "readonly")
+
+
+def test_calibration(config: Config) -> None:
+    camera = changed(config.camera, driver="v4l2", calibration="calibration.toml")
+    size = {"width_px": camera.width_px, "height_px": camera.height_px}
+    good = StoredCalibration(
+        camera="042",
+        date="2026-04-01",
+        rms_px=0.1,
+        held_out_px=0.12,
+        coverage=0.9,
+        views=20,
+        lens=camera.lens,
+        **size,
+    )
+
+    def check(calibration: StoredCalibration, camera_id: str = "v4l2:042", today: date = TODAY) -> Finding:
+        return check_calibration(Seen(calibration), camera, camera_id, today, FILE)
+
+    told(check(good), "ok", "30 days old")
+    told(check(good, camera_id=""), "ok")
+    told(check(good, camera_id="v4l2:043"), "failed", "v4l2:043 instead of 042")
+    told(check(good, today=date(2027, 4, 1)), "warning", "365 days")
+    told(check(changed(good, width_px=640)), "failed", "instead of 640")
+    told(check(changed(good, lens=changed(camera.lens, fx_px=400.0))), "failed", "camera.lens.fx_px")
+    told(check(changed(good, date="yesterday")), "failed", "date")
+    told(check_calibration(Seen(why="no such file"), camera, "", TODAY, FILE), "failed", "no such file")
+    told(check_calibration(Seen(), changed(camera, calibration=""), "", TODAY, FILE), "failed", "names none")
+    told(check_calibration(Seen(), config.camera, "", TODAY, FILE), "skipped", "driver sim")
+
+
+def test_camera(config: Config) -> None:
+    at_60_hz = [round(n * 1e9 / 60) for n in range(60)]
+    told(check_camera_rate(at_60_hz, 0, 60.0, "here"), "ok", "60.0 Hz of 60")
+    told(check_camera_rate(at_60_hz, 3, 60.0, "here"), "warning", "3 lost")
+    told(check_camera_rate(at_60_hz, 0, 90.0, "here"), "failed", "60.0 Hz of 90")
+    told(check_camera_rate([], 0, 60.0, "here"), "failed", "0 frames")
+    usb = changed(config.camera, driver="v4l2")
+    told(check_camera_link(Seen(5000.0), usb), "ok", "images need 629")
+    told(check_camera_link(Seen(480.0), usb), "failed", "USB 3")
+    told(check_camera_link(Seen(why="no camera is on USB here"), usb), "skipped", "no camera")
+    told(check_camera_link(Seen(5000.0), config.camera), "skipped", "driver sim")
+
+
+def test_taught_images_and_leds() -> None:
+    told(check_taught(Seen([1, 2])), "ok", "1, 2")
+    told(check_taught(Seen(list[int]())), "ok", "geometry")
+    told(check_taught(Seen(why="taught with another lens")), "failed", "another lens", "davpc teach 1")
+    told(check_leds_seen(4, 4, ""), "ok", "4 of 4")
+    told(check_leds_seen(1, 4, "(few_leds)"), "warning", "1 of 4 (few_leds)")
+
+
+def health(name: str, **values: Any) -> dict[str, Health]:
+    return {name: Health(**{"process": name, "ready": True, "steps": 1000, "missed_periods": 0, "malformed": 0,
+                            "step_p99_ms": 1.0, **values})}  # fmt: skip
+
+
+def test_processes() -> None:
+    told(check_processes({"leader"}, ["leader"], health("leader")), "ok")
+    told(check_processes(set(), ["leader"], {}), "failed", "not running: leader")
+    told(check_processes({"leader"}, ["leader"], {}), "failed", "not ready: leader")
+    told(check_processes({"leader"}, ["leader"], health("leader", ready=False)), "failed", "not ready: leader")
+    told(check_processes({"leader"}, ["leader"], health("leader", malformed=2)), "warning", "leader 2")
+    told(check_processes({"leader"}, ["leader"], health("leader", missed_periods=40)), "warning", "40 of 1000")
+
+
+def drives(**values: Any) -> Drives:
+    standing: dict[str, Any] = {
+        **dict.fromkeys(("epoch", "measured_ns", "command_sequence", "image_to_can_ns", "gate_interventions"), 0),
+        **dict.fromkeys(("wheel_speed_rad_s", "wheel_angle_rad", "grip_torque_n_m", "grip_angle_rad"), (0.0, 0.0)),
+        **dict.fromkeys(("joint_torque_n_m", "joint_angle_rad"), (0.0,) * 6),
+        **dict.fromkeys(("lift_m", "v_set_m_s", "w_set_rad_s"), 0.0),
+        "state": "disarmed",
+        "cause": "",
+        "gate_rule": "",
+        "stop_inputs_clear": True,
+        "battery_v": 26.0,
+    }
+    return Drives(**{**standing, **values})
+
+
+def test_drives_and_battery() -> None:
+    told(check_drives(drives()), "ok", "disarmed", "stop inputs clear")
+    told(check_drives(drives(state="fault", cause="left wheel: overcurrent")), "failed", "overcurrent")
+    told(check_drives(drives(stop_inputs_clear=False)), "warning", "stop input")
+    told(check_drives(drives(shadow=True)), "warning", "shadow")
+    told(check_drives(None), "failed", "nothing")
+    told(check_battery(26.0, 24.0), "ok", "26.0 V")
+    told(check_battery(23.0, 24.0), "failed", "charge")
+    told(check_battery(23.0, 0.0), "ok", "not judged")
+    told(check_battery(0.0, 0.0), "failed", "no voltage")
+
+
+def test_leader() -> None:
+    def check(**values: Any) -> Finding:
+        standing = {"ready": True, "cause": "", "led_current_a": (1.0,) * 4, "led_fault": False, "guide": "down"}
+        standing |= {"lock": "open", "actuator_current_a": 0.0, "queue": 2, "led_setpoint_a": (1.0,) * 4}
+        return check_leader(LeaderState(**{**standing, **values}), 0.15)
+
+    told(check(), "ok", "lock open", "2 in the queue")
+    told(check(led_current_a=(1.0, 1.0, 0.0, 1.0)), "failed", "0.00")
+    told(check(led_fault=True, cause="LED 2 open"), "failed", "LED 2 open")
+    told(check(lock="fault"), "failed", "lock fault")
+    told(check(ready=False, cause="I/O module silent"), "failed", "I/O module silent")
+    told(check(led_derated=True), "warning", "derated")
+    told(check(queue=None), "warning", "davpc lock count")
+    told(check_leader(None, 0.15), "failed", "not heard")
