@@ -9,7 +9,6 @@ from pathlib import Path
 
 from common.canopen.bus import BusLostError, CanBus
 from common.canopen.frames import (
-    EMCY,
     NMT_PRE_OPERATIONAL,
     NMT_START,
     RPDO,
@@ -18,7 +17,6 @@ from common.canopen.frames import (
     SYNC,
     TPDO,
     CanFrame,
-    decode_emergency,
     heartbeat_frame,
     nmt_frame,
 )
@@ -33,11 +31,10 @@ _MILLI = 1000.0
 _HEARTBEAT_MS = 100
 
 
-@dataclass(frozen=True)
-class LeaderInputs:
-    """What the Leader's module measured at ``measured_ns``; ``fresh`` is false when it fell silent."""
+@dataclass(frozen=True, kw_only=True)
+class ModuleReading:
+    """What the Leader's module measured; ``fresh`` is false when it fell silent."""
 
-    measured_ns: int
     fresh: bool
     led_current_a: tuple[float, ...]
     actuator_current_a: float
@@ -45,7 +42,6 @@ class LeaderInputs:
     beam_seated: bool
     lock_extended: bool
     lock_retracted: bool
-    faults: tuple[str, ...]
 
 
 class LeaderIo:
@@ -69,7 +65,6 @@ class LeaderIo:
         self._actuator = 0
         self._sync_ns = 0
         self._measured_ns = -1
-        self._faults: dict[str, None] = {}
         self._restarted = False
 
     def open(self) -> None:
@@ -89,12 +84,11 @@ class LeaderIo:
             bus.close()
             raise
         self._bus = bus
-        self._faults.clear()
         self._restarted = False
         self._measured_ns = -1
 
     def set_led_currents(self, currents_a: Sequence[float]) -> None:
-        """Current of each LED [A], from 0 to 5."""
+        """Current of each LED [A], from 0 to 5, by LED; limited to that range."""
         if len(currents_a) != self._leds:
             raise ValueError(f"{len(currents_a)} currents for {self._leds} LEDs")
         values = [round(min(max(current, 0.0), 5.0) * _MILLI) for current in currents_a]
@@ -104,7 +98,7 @@ class LeaderIo:
         """Extend (1), retract (−1) or stop (0) the linear actuator of the lock."""
         self._outputs = {1: 0b01, -1: 0b10, 0: 0}[direction]
 
-    def exchange(self, now_ns: int) -> LeaderInputs:
+    def exchange(self, now_ns: int) -> ModuleReading:
         """Take what has arrived, send outputs, heartbeat and SYNC.
 
         Raises:
@@ -164,17 +158,11 @@ class LeaderIo:
             self._currents = struct.unpack("<4h", frame.data)
         elif frame == heartbeat_frame(node_id, STATE_BOOT_UP):
             self._restarted = True
-        elif frame.can_id == EMCY + node_id and (emergency := decode_emergency(frame.data)):
-            if emergency.code == 0:
-                self._faults.clear()
-            else:
-                self._faults[emergency.name] = None
 
-    def _inputs(self, now_ns: int) -> LeaderInputs:
+    def _inputs(self, now_ns: int) -> ModuleReading:
         bits = self._digital
         fresh = self._measured_ns >= 0 and now_ns - self._measured_ns <= STATUS_MAX_AGE_MS * NS_PER_MS
-        return LeaderInputs(
-            measured_ns=max(self._measured_ns, 0),
+        return ModuleReading(
             fresh=fresh,
             led_current_a=tuple(value / _MILLI for value in self._currents[: self._leds]),
             actuator_current_a=max(self._actuator, 0) / _MILLI,
@@ -182,5 +170,4 @@ class LeaderIo:
             beam_seated=bool(bits & 2),
             lock_extended=bool(bits & 4),
             lock_retracted=bool(bits & 8),
-            faults=tuple(self._faults),
         )

@@ -12,7 +12,7 @@ from common.file_writer import BackgroundWriter, state_directory
 from common.messages import Answer, LeaderState
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
-from leader.io_module import LeaderInputs, LeaderIo
+from leader.io_module import LeaderIo, ModuleReading
 from leader.queue_file import QUEUE_FILE, content, read
 from leader.sequence import IoInputs, LeaderSequence
 
@@ -41,7 +41,6 @@ class LeaderNode(Node):
         self._writer = BackgroundWriter(limit=4)
         self._write_fault = ""
         self._io = LeaderIo(config.leader_can, context.config_path, len(config.leds.positions_m))
-        self._seen: IoInputs | None = None
         self._published: LeaderState | None = None
         self._steps = 0
         self._reopen_ns: int | None = None
@@ -53,17 +52,17 @@ class LeaderNode(Node):
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
         """One exchange with the module and one step of the sequence."""
         locks, leds = inputs.requests(LOCK_REQUEST), inputs.requests(LED_REQUEST)
-        seen = self._exchange(now_ns)
-        if seen is None:
+        reading = self._exchange(now_ns)
+        if reading is None:
             answers: list[Output] = [(LOCK_REQUEST, _unreachable(received.message.id)) for received in locks]
             answers += [(LED_REQUEST, _unreachable(received.message.id)) for received in leds]
             return [*self._heartbeat(_silent(len(self._sequence.outputs.led_current_a), self._kept)), *answers]
-        self._sequence.hear(inputs.fresh(FOLLOWER_SUMMARY, now_ns))
+        self._sequence.set_follower(inputs.fresh(FOLLOWER_SUMMARY, now_ns))
         for lock in locks:
-            self._sequence.request(lock.message, lock.receipt_ns, now_ns, seen)
+            self._sequence.request(lock.message, lock.receipt_ns, now_ns, reading)
         for led in leds:
             self._sequence.led_request(led.message, led.receipt_ns, now_ns)
-        state, due = self._sequence.step(now_ns, seen)
+        state, due = self._sequence.step(now_ns, reading)
         self._keep(state.queue)
         outputs = self._heartbeat(state)
         outputs += [(LOCK_REQUEST, answer) for answer in due.lock]
@@ -84,15 +83,15 @@ class LeaderNode(Node):
         if self._writer.fault != self._write_fault:
             self._write_fault = self._writer.fault
             if self._write_fault:
-                _log.warning("the queue's count is not kept: %s", self._write_fault)
+                _log.warning("the number of trolleys cannot be saved: %s", self._write_fault)
 
     def _exchange(self, now_ns: int) -> IoInputs | None:
         """What the module reads; None while it cannot be reached."""
         if self._reopen_ns is not None and not self._reopened(now_ns):
             return None
-        told = self._sequence.outputs
-        self._io.set_led_currents(told.led_current_a)
-        self._io.drive_actuator(told.actuator)
+        outputs = self._sequence.outputs
+        self._io.set_led_currents(outputs.led_current_a)
+        self._io.drive_actuator(outputs.actuator)
         try:
             read = self._io.exchange(now_ns)
         except BusLostError as error:
@@ -127,7 +126,7 @@ def _key(state: LeaderState) -> tuple[object, ...]:
     return state.ready, state.cause, state.led_fault, state.led_derated, state.guide, state.lock, state.queue
 
 
-def _io_inputs(read: LeaderInputs) -> IoInputs:
+def _io_inputs(read: ModuleReading) -> IoInputs:
     return IoInputs(
         led_current_a=read.led_current_a,
         actuator_current_a=read.actuator_current_a,
@@ -143,7 +142,17 @@ def _unreachable(request_id: str) -> Answer:
 
 
 def _silent(leds: int, queue: int | None) -> LeaderState:
-    return LeaderState(False, "I/O module silent", (0.0,) * leds, True, "down", "fault", 0.0, queue)
+    """Without its I/O module: everything that it would measure is at its careful value."""
+    return LeaderState(
+        ready=False,
+        cause="I/O module silent",
+        led_current_a=(0.0,) * leds,
+        led_fault=True,
+        guide="down",
+        lock="fault",
+        actuator_current_a=0.0,
+        queue=queue,
+    )
 
 
 def make(context: NodeContext) -> LeaderNode:

@@ -1,4 +1,4 @@
-"""How many trolleys are locked, kept over a restart of the Leader."""
+"""Number of locked trolleys, saved so that it outlives a restart of the Leader."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MOST = 99
 
 @dataclass(frozen=True)
 class KeptQueue:
-    """What the file says: the count, None if it is not known, and why, if that is a person's to mend."""
+    """Content of the file: the count, None if unknown, and a warning if the operator has to enter it again."""
 
     count: int | None
     warning: str = ""
@@ -25,16 +25,16 @@ def content(count: int | None) -> str:
 
 
 def read(path: Path) -> KeptQueue:
-    """Read the count; no file is no trolley, a file that cannot be understood is not known."""
+    """Read the count; no file means no trolley, an unreadable file an unknown count."""
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return KeptQueue(0)
     except (OSError, ValueError) as error:
-        return KeptQueue(None, f"{path}: cannot be read ({error}): say the count (davpc lock count N)")
+        return KeptQueue(None, f"{path}: cannot be read ({error}): enter the count (davpc lock count N)")
     count = table.get("trolleys") if isinstance(table, dict) and table.get("schema") == _SCHEMA else -1
     if count is None:
         return KeptQueue(None)
     if not isinstance(count, int) or isinstance(count, bool) or not 0 <= count <= _MOST:
-        return KeptQueue(None, f"{path}: holds no count of trolleys: say the count (davpc lock count N)")
+        return KeptQueue(None, f"{path}: holds no count of trolleys: enter the count (davpc lock count N)")
     return KeptQueue(count)

@@ -8,19 +8,19 @@ from common.config import LeaderConfig, LedsConfig
 from common.messages import Answer, FollowerSummary, GuideState, LeaderState, LedRequest, LockRequest
 from common.timing import NS_PER_MS
 from leader.led_array import LedArray
-from leader.lock import Lock, LockInputs
+from leader.lock import BoltLock, LockInputs
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class IoInputs(LockInputs):
     """What the I/O module reads."""
 
-    led_current_a: tuple[float, ...] = ()
+    led_current_a: tuple[float, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class IoOutputs:
-    """What the I/O module is told; the actuator: 1 extend, −1 retract, 0 stay."""
+    """Set-points of the I/O module; the actuator: 1 extend, −1 retract, 0 stay."""
 
     led_current_a: tuple[float, ...]
     actuator: int
@@ -28,7 +28,7 @@ class IoOutputs:
 
 @dataclass
 class Answers:
-    """Answers that are due, by who was asked."""
+    """Answers that are due, by the request's channel."""
 
     lock: list[Answer] = field(default_factory=list)
     led: list[Answer] = field(default_factory=list)
@@ -40,67 +40,74 @@ class LeaderSequence:
     Args:
         config: lock and LED limits.
         leds: the array.
-        queue: how many trolleys were locked before this start; None: not known.
+        queue: number of trolleys locked before this start; None: unknown.
     """
 
     def __init__(self, config: LeaderConfig, leds: LedsConfig, queue: int | None) -> None:
-        self._lock = Lock(config, queue)
+        self._lock = BoltLock(config, queue)
         self._leds = LedArray(config, leds)
         self._due = Answers()
         self._follower: FollowerSummary | None = None
 
     @property
     def queue(self) -> int | None:
-        """How many trolleys are locked; None: not known."""
+        """Number of locked trolleys; None: unknown."""
         return self._lock.queue
 
     @property
     def outputs(self) -> IoOutputs:
-        """What the module is to be told now."""
-        return IoOutputs(self._leds.currents_a, self._lock.direction)
+        """Set-points for the module now."""
+        return IoOutputs(led_current_a=self._leds.currents_a, actuator=self._lock.direction)
 
-    def hear(self, follower: FollowerSummary | None) -> None:
+    def set_follower(self, follower: FollowerSummary | None) -> None:
         """The Follower's newest summary, None if it is too old; before :meth:`request` and :meth:`step`."""
         self._follower = follower
 
-    def request(self, request: LockRequest, received_ns: int, now_ns: int, seen: IoInputs) -> None:
-        """Take a request; its answer comes out of :meth:`step` once it is settled."""
+    def request(self, request: LockRequest, received_ns: int, now_ns: int, inputs: IoInputs) -> None:
+        """Take a request; its answer comes from :meth:`step` once it is settled.
+
+        Args:
+            request: for the lock.
+            received_ns: when it arrived on this machine; it is valid for ``valid_for_ms`` from then.
+            now_ns: time of this step.
+            inputs: newest reading of the I/O module.
+        """
         if now_ns - received_ns > request.valid_for_ms * NS_PER_MS:
-            self._due.lock.append(Answer(request.id, "expired", "waited longer than it was valid"))
+            self._due.lock.append(Answer(request.id, "expired", "expired before it was handled"))
             return
-        answer = self._lock.ask(request, now_ns, seen, self._follower)
+        answer = self._lock.ask(request, now_ns, inputs, self._follower)
         if answer is not None:
             self._due.lock.append(answer)
 
     def led_request(self, request: LedRequest, received_ns: int, now_ns: int) -> None:
-        """Take a request for the LEDs; its answer comes out of the next :meth:`step`."""
+        """Take a request for the LEDs; its answer comes from the next :meth:`step`."""
         if now_ns - received_ns > request.valid_for_ms * NS_PER_MS:
-            self._due.led.append(Answer(request.id, "expired", "waited longer than it was valid"))
+            self._due.led.append(Answer(request.id, "expired", "expired before it was handled"))
             return
         refusal = self._leds.ask(request)
-        told = ", ".join(f"{current:.2f}" for current in self._leds.currents_a)
-        self._due.led.append(Answer(request.id, "refused" if refusal else "done", refusal or f"told {told} A"))
+        currents = ", ".join(f"{current:.2f}" for current in self._leds.currents_a)
+        self._due.led.append(Answer(request.id, "refused" if refusal else "done", refusal or f"set to {currents} A"))
 
-    def step(self, now_ns: int, seen: IoInputs) -> tuple[LeaderState, Answers]:
+    def step(self, now_ns: int, inputs: IoInputs) -> tuple[LeaderState, Answers]:
         """One step: the state to publish, and answers that are due."""
-        settled = self._lock.step(now_ns, seen, self._follower)
+        settled = self._lock.step(now_ns, inputs, self._follower)
         if settled is not None:
             self._due.lock.append(settled)
-        self._leds.step(now_ns, seen.led_current_a)
+        self._leds.step(now_ns, inputs.led_current_a)
         due, self._due = self._due, Answers()
-        return self._state(seen), due
+        return self._state(inputs), due
 
-    def _state(self, seen: IoInputs) -> LeaderState:
+    def _state(self, inputs: IoInputs) -> LeaderState:
         leds, lock = self._leds, self._lock
-        guide: GuideState = "seated" if seen.beam_seated else "lifted" if seen.guide_lifted else "down"
+        guide: GuideState = "seated" if inputs.beam_seated else "lifted" if inputs.guide_lifted else "down"
         return LeaderState(
             ready=leds.lit and lock.state != "fault",
             cause="; ".join(filter(None, (lock.cause if lock.state == "fault" else "", leds.cause)))[:400],
-            led_current_a=seen.led_current_a,
+            led_current_a=inputs.led_current_a,
             led_fault=leds.fault,
             guide=guide,
             lock=lock.state,
-            actuator_current_a=max(0.0, seen.actuator_current_a),
+            actuator_current_a=max(0.0, inputs.actuator_current_a),
             queue=lock.queue,
             led_setpoint_a=leds.currents_a,
             led_derated=leds.derated,

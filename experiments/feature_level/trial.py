@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from common.config import Config
+from common.docking_errors import docked_error
 from common.geometry import Array, Pose2, features_at
 from common.timing import NS_PER_S
 from experiments.feature_level.feature_world import Disturbances, FeatureWorld, Measurement, project
@@ -131,15 +132,15 @@ def _settled(task: Task, world: World) -> bool:
 
 def _metrics(task: Task, world: World, trace: Trace, lost: bool, settled_since: float) -> dict[str, float]:
     """At the end of the run: the paper's six columns and this project's."""
-    goal = task.goal.inverse()
-    e_x, e_y = abs(world.pose.x_m - goal.x_m), abs(world.pose.y_m - goal.y_m)
-    error_px = world.true_pixels() - project(task.config, goal)
+    error = docked_error(world.pose, task.goal)
+    e_x, e_y = abs(error.e_x_m), abs(error.e_y_m)
+    error_px = world.true_pixels() - project(task.config, task.goal.inverse())
     change = np.diff(np.array([(0.0, 0.0), *trace.command]), axis=0)
     m_v, m_w = np.sqrt(np.mean(change**2, axis=0))
     return {
         "e_x_cm": 100 * e_x,
         "e_y_cm": 100 * e_y,
-        "e_theta_deg": math.degrees(abs(world.pose.theta_rad - goal.theta_rad)),
+        "e_theta_deg": abs(error.e_theta_deg),
         "e_p_px": float(np.sqrt(np.mean(np.sum(error_px**2, axis=1)))),
         "m_v": float(m_v),
         "m_w": float(m_w),

@@ -18,6 +18,7 @@ import numpy as np
 
 from common.channels import COMMAND, DOCK_REQUEST, DOCKING_STATE, DRIVES, LOCK_REQUEST, MISSION
 from common.config import Config, default_config_path
+from common.docking_errors import docked_error
 from common.geometry import Pose2, features_at, wrap_angle
 from common.messages import Command, DockRequest, Mission, Phase
 from common.node import Inbox, Node, NodeContext, Output, Trigger
@@ -168,7 +169,7 @@ class _Watcher(Node):
         if truth is None:
             return {}
         goal = config.docking.goal(trolley)
-        at, wanted = Pose2(truth.x_m, truth.y_m, truth.theta_rad), goal.inverse()
+        at = Pose2(truth.x_m, truth.y_m, truth.theta_rad)
         leds, camera = config.leds.points, config.camera
         try:
             seen, desired = (features_at(leds, pose, camera.mount) for pose in (at.inverse(), goal))
@@ -176,10 +177,11 @@ class _Watcher(Node):
             e_p = float(np.sqrt((off_px**2).mean()))
         except ValueError:
             e_p = math.nan
+        error = docked_error(at, goal)
         return {
-            "e_x_cm": 100 * abs(at.x_m - wanted.x_m),
-            "e_y_cm": 100 * abs(at.y_m - wanted.y_m),
-            "e_theta_deg": math.degrees(abs(wrap_angle(at.theta_rad - wanted.theta_rad))),
+            "e_x_cm": 100 * abs(error.e_x_m),
+            "e_y_cm": 100 * abs(error.e_y_m),
+            "e_theta_deg": abs(error.e_theta_deg),
             "e_p_px": e_p,
         }
 

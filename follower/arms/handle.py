@@ -8,13 +8,17 @@ from common.config import ArmsConfig, BaseConfig
 from common.geometry import Pose2
 from common.kinematics import twist_from_wheels
 from common.messages import ArmCause, ArmSetpoint, ArmState, Drives, Mission
-from common.timing import NS_PER_S
-from follower.arms.contact_detection import CollisionSense, ContactSense, SlipSense, first_cause
+from common.timing import NS_PER_MS
+from follower.arms.collision_detection import CollisionDetector
+from follower.arms.contact_detection import ContactDetector
 from follower.arms.grasp import GraspSequence
-from follower.arms.impedance import HandleImpedance, Posture, PostureSense, handle_force
+from follower.arms.impedance import HandleImpedance
+from follower.arms.posture import Posture, PostureTracker, handle_force
+from follower.arms.sampling import SampleInterval
+from follower.arms.slip_detection import SlipDetector
 
-_NOMINAL_STEP_S = 0.01
-_LONGEST_STEP_S = 0.05
+# what lasts is not judged across a gap: a longer one counts for this much
+_LONGEST_STEP_NS = 50 * NS_PER_MS
 _PUSH_N_S = 60.0
 # below one: dry friction in the joints holds what was pushed once, which would then count as resistance
 _PUSH_SHARE = 0.7
@@ -33,14 +37,14 @@ class HandleHold:
 
     def __init__(self, arms: ArmsConfig, base: BaseConfig) -> None:
         self._config, self._base = arms, base
-        self._sense = PostureSense(arms)
+        self._tracker = PostureTracker(arms)
         self._impedance = HandleImpedance(arms)
         self._grasp = GraspSequence(arms)
-        self._touch = ContactSense(arms)
-        self._collision, self._slip = CollisionSense(arms), SlipSense(arms)
+        self._contact = ContactDetector(arms)
+        self._collision, self._slip = CollisionDetector(arms), SlipDetector(arms)
         self._posture: Posture | None = None
         self._measured_ns: int | None = None
-        self._dt_s = _NOMINAL_STEP_S
+        self._interval = SampleInterval(0, 0)
         self._speed_m_s = self._acceleration_m_s2 = 0.0
         self._push_n = 0.0
         self._askew = 0.0, 0.0
@@ -51,23 +55,23 @@ class HandleHold:
     def feel(self, drives: Drives, mission: Mission | None) -> ArmState:
         """Force along the handle from all six joint torques, contact, connection, slip, collision."""
         self._time(drives)
-        posture = self._sense.posture(drives.joint_angle_rad, drives.measured_ns)
+        posture = self._tracker.posture(drives.joint_angle_rad, drives.measured_ns)
         self._posture = posture
         force_n = float(handle_force(posture, drives.joint_torque_n_m)[0])
         ahead = drives.v_set_m_s > _DRIVING_M_S and drives.state == "armed" and self._holding
         expected = mission is not None and mission.contact_expected
-        self._touch.step(force_n, self._acceleration_m_s2, self._dt_s, rolling=ahead, expected=expected)
+        self._contact.step(force_n, self._acceleration_m_s2, self._interval, rolling=ahead, expected=expected)
         if mission is not None and mission.epoch != self._epoch:
             self._epoch, self._cause = mission.epoch, "ok"
         self._watch(drives)
         return ArmState(
-            handle_force_n=max(-5000.0, min(5000.0, self._touch.force_n)),
-            contact=self._touch.contact,
-            connected=self._touch.connected,
+            handle_force_n=max(-5000.0, min(5000.0, self._contact.force_n)),
+            contact=self._contact.contact,
+            connected=self._contact.connected,
             gripped=self._grasp.gripped(drives.grip_angle_rad),
             released=self._grasp.released(drives.grip_angle_rad),
             cause=self._cause,
-            resistance_n=self._touch.resistance_n,
+            resistance_n=self._contact.resistance_n,
         )
 
     def hold(self, drives: Drives, mission: Mission) -> ArmSetpoint:
@@ -81,12 +85,12 @@ class HandleHold:
             raise RuntimeError("hold() comes after feel()")
         obeyed = drives.state == "armed" and self._cause == "ok"
         if drives.state != "armed":
-            self._grasp.restart(posture.handle.x_m, drives.grip_angle_rad, drives.lift_m)
+            self._grasp.restart(posture.handle.x_m, drives.grip_angle_rad, drives.lift_m, self._interval.begin_ns)
             self._askew = posture.handle.y_m, posture.handle.theta_rad
         if mission.phase == "manual" or mission.grip == "stay":
-            grasp = self._grasp.in_place(mission.grip, mission.lift_m, drives.grip_angle_rad, self._dt_s)
+            grasp = self._grasp.in_place(mission.grip, mission.lift_m, drives.grip_angle_rad, self._interval)
         else:
-            grasp = self._grasp.step(mission.grip, drives.grip_angle_rad, drives.lift_m, self._dt_s)
+            grasp = self._grasp.step(mission.grip, drives.grip_angle_rad, drives.lift_m, self._interval)
             self._straighten()
         self._holding = grasp.stage == "hold"
         self._push(drives, obeyed and self._holding)
@@ -97,7 +101,8 @@ class HandleHold:
 
     def _straighten(self) -> None:
         """Bring the reference before the chassis without a jump, which would be felt as a collision."""
-        steps = _STRAIGHTEN_M_S * self._dt_s, _STRAIGHTEN_RAD_S * self._dt_s
+        dt_s = self._interval.dt_s
+        steps = _STRAIGHTEN_M_S * dt_s, _STRAIGHTEN_RAD_S * dt_s
         aside_m, turned_rad = (
             math.copysign(max(0.0, abs(value) - step), value) for value, step in zip(self._askew, steps, strict=True)
         )
@@ -108,11 +113,13 @@ class HandleHold:
         speed, _ = twist_from_wheels(self._base, drives.wheel_speed_rad_s)
         if self._measured_ns is None:
             self._measured_ns, self._speed_m_s = drives.measured_ns, speed
-        elapsed_s = (drives.measured_ns - self._measured_ns) / NS_PER_S
-        self._dt_s = min(max(elapsed_s, 0.0), _LONGEST_STEP_S)
-        if self._dt_s > 0.0:
-            share = min(1.0, self._dt_s / _ACCELERATION_FILTER_S)
-            raw = (speed - self._speed_m_s) / self._dt_s
+        elapsed_ns = drives.measured_ns - self._measured_ns
+        before_ns = self._interval.end_ns
+        self._interval = SampleInterval(before_ns, before_ns + min(max(elapsed_ns, 0), _LONGEST_STEP_NS))
+        dt_s = self._interval.dt_s
+        if dt_s > 0.0:
+            share = min(1.0, dt_s / _ACCELERATION_FILTER_S)
+            raw = (speed - self._speed_m_s) / dt_s
             self._acceleration_m_s2 += share * (raw - self._acceleration_m_s2)
             self._speed_m_s = speed
         self._measured_ns = max(self._measured_ns, drives.measured_ns)
@@ -123,20 +130,22 @@ class HandleHold:
             self._slip.forget()
             self._collision.forget()
             return
-        if self._dt_s <= 0.0:
+        if self._interval.dt_s <= 0.0:
             return
-        slipped = self._slip.step(drives.grip_angle_rad, drives.grip_torque_n_m, self._dt_s)
+        slipped = self._slip.step(drives.grip_angle_rad, drives.grip_torque_n_m, self._interval)
         if self._slip.suspected:
             # an arm that loses its load jumps: that is no collision
             self._collision.forget()
-        collided = self._collision.step(drives.joint_torque_n_m, self._dt_s)
-        if self._cause != "collision":
-            self._cause = first_cause(slipped or self._cause == "slip", collided)
+        collided = self._collision.step(drives.joint_torque_n_m, self._interval.end_ns)
+        if collided:
+            self._cause = "collision"
+        elif slipped and self._cause == "ok":
+            self._cause = "slip"
 
     def _push(self, drives: Drives, allowed: bool) -> None:
         """F_push: the resistance that was measured, in the commanded direction, taken up smoothly."""
-        wanted = _PUSH_SHARE * self._touch.resistance_n if allowed and drives.v_set_m_s > _DRIVING_M_S else 0.0
+        wanted = _PUSH_SHARE * self._contact.resistance_n if allowed and drives.v_set_m_s > _DRIVING_M_S else 0.0
         if drives.state != "armed" or self._cause != "ok":
             self._push_n = 0.0
-        step_n = _PUSH_N_S * self._dt_s
+        step_n = _PUSH_N_S * self._interval.dt_s
         self._push_n += min(step_n, max(-step_n, wanted - self._push_n))

@@ -10,7 +10,7 @@ from common.config import BaseConfig, Config
 from common.geometry import Array, Pose2, features_at
 from common.messages import Drives
 from common.timing import NS_PER_S
-from follower.supervisor.observed import Grip, Observed
+from follower.supervisor.interface import Grip, SupervisorInputs
 from follower.supervisor.reckoning import PoseReckoning
 from follower.supervisor.standstill import Standstill
 
@@ -21,22 +21,7 @@ MAX_RETRIES = 3
 MAX_PAUSES = 5
 
 
-class Since:
-    """For how long a condition has held without a break."""
-
-    def __init__(self) -> None:
-        self._since_ns: int | None = None
-
-    def held_s(self, holds: bool, now_ns: int) -> float:
-        """Seconds that it has held, 0 if it does not."""
-        if not holds:
-            self._since_ns = None
-        elif self._since_ns is None:
-            self._since_ns = now_ns
-        return 0.0 if self._since_ns is None else (now_ns - self._since_ns) / NS_PER_S
-
-
-@dataclass
+@dataclass(kw_only=True)
 class Attempt:
     """One docking from start to end.
 
@@ -99,19 +84,19 @@ class Attempt:
         pose = self.reckoning.pose
         return None if pose is None else pose.x_m - self.goal.x_m
 
-    def unwell(self, seen: Observed) -> str:
+    def unwell(self, inputs: SupervisorInputs) -> str:
         """What of the Follower itself is not as it should be for moving; empty if all is well."""
-        if seen.drives is None:
+        if inputs.drives is None:
             return "no drives"
-        if cause_code(seen.drives.cause) in (NODE_SILENT, BAD_FRAMES):
-            return seen.drives.cause
-        if not seen.drives.stop_inputs_clear:
+        if cause_code(inputs.drives.cause) in (NODE_SILENT, BAD_FRAMES):
+            return inputs.drives.cause
+        if not inputs.drives.stop_inputs_clear:
             return "stop input"
-        if low := undervoltage(self.config.base, seen.drives):
+        if low := undervoltage(self.config.base, inputs.drives):
             return low
-        if not seen.controller_alive:
+        if not inputs.controller_alive:
             return "controller silent"
-        if seen.arms is None:
+        if inputs.arms is None:
             return "arms silent"
         return ""
 
@@ -119,15 +104,15 @@ class Attempt:
         """That the wheels still turn after a stop: nothing is armed on the way; empty if they do not."""
         return "" if self.standstill.holds else "standstill"
 
-    def blind(self, seen: Observed) -> str:
+    def blind(self, inputs: SupervisorInputs) -> str:
         """Why the Leader's array is not in sight; empty if it is."""
-        if seen.state is None:
+        if inputs.state is None:
             return "no docking state"
-        return "" if seen.state.valid else f"LEDs not acquired ({seen.state.cause})"
+        return "" if inputs.state.valid else f"LEDs not acquired ({inputs.state.cause})"
 
-    def leader_unready(self, seen: Observed) -> str:
+    def leader_unready(self, inputs: SupervisorInputs) -> str:
         """Why the Leader's lock does not suit this trolley, as far as it is heard: the approach needs no link."""
-        leader = seen.leader
+        leader = inputs.leader
         if leader is None:
             return ""
         if leader.lock == "fault":

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from common.causes import cause_code
 from common.channels import DOCKING_STATE
 from common.config import Config
-from common.geometry import wrap_angle
+from common.docking_errors import docked_error
+from common.geometry import Pose2
 from common.messages import DockingState, Drives, Mission, Phase
 from common.timing import NS_PER_MS, NS_PER_S
 from follower.supervisor.attempt import Attempt
-from follower.supervisor.observed import Observed
+from follower.supervisor.interface import SupervisorInputs
+from follower.supervisor.journal import ATTEMPT_SCHEMA
 from follower.supervisor.transitions import ENDED
 
-SCHEMA = "attempt/1"
 _SERVOED: tuple[Phase, ...] = ("approach",)
 
 
@@ -47,34 +48,34 @@ class AttemptReport:
         self._config = config
         self._running: _Running | None = None
 
-    def step(self, seen: Observed, mission: Mission, attempt: Attempt) -> dict[str, Any] | None:
+    def step(self, inputs: SupervisorInputs, mission: Mission, attempt: Attempt) -> dict[str, Any] | None:
         """Take one step and what came of it; the record, as a JSON table, when an attempt ended with it."""
         running, phase = self._running, mission.phase
         if running is None:
             if phase not in ENDED:
-                self._running = _Running(seen.now_ns, seen.now_ns, phase)
+                self._running = _Running(inputs.now_ns, inputs.now_ns, phase)
             return None
-        self._count_gate(running, seen.drives)
+        self._count_gate(running, inputs.drives)
         if running.phase in _SERVOED:
-            self._measure_margins(running, seen)
+            self._measure_margins(running, inputs)
             self._count_pause(running, mission.waiting if phase == running.phase else "")
         if phase != running.phase:
-            self._change(running, seen, phase, attempt)
+            self._change(running, inputs, phase, attempt)
         if phase not in ENDED:
             return None
         self._running = None
-        return self._record(running, seen.now_ns, mission, attempt)
+        return self._record(running, inputs.now_ns, mission, attempt)
 
-    def _change(self, running: _Running, seen: Observed, phase: Phase, attempt: Attempt) -> None:
-        spent_s = (seen.now_ns - running.since_ns) / NS_PER_S
+    def _change(self, running: _Running, inputs: SupervisorInputs, phase: Phase, attempt: Attempt) -> None:
+        spent_s = (inputs.now_ns - running.since_ns) / NS_PER_S
         running.phases_s[running.phase] = round(running.phases_s.get(running.phase, 0.0) + spent_s, 3)
-        if seen.state is not None and seen.state.valid:
+        if inputs.state is not None and inputs.state.valid:
             if phase == "insert":
-                running.arrival = errors(seen.state, attempt.goal.x_m)
-            elif phase == "lock" and seen.drives is not None and attempt.contact_begin_m is not None:
-                pushed_m = attempt.odometer_m(seen.drives) - attempt.contact_begin_m
-                running.connected = errors(seen.state, attempt.goal.x_m - pushed_m)
-        running.phase, running.since_ns = phase, seen.now_ns
+                running.arrival = errors(inputs.state, attempt.goal)
+            elif phase == "lock" and inputs.drives is not None and attempt.contact_begin_m is not None:
+                pushed_m = attempt.odometer_m(inputs.drives) - attempt.contact_begin_m
+                running.connected = errors(inputs.state, replace(attempt.goal, x_m=attempt.goal.x_m - pushed_m))
+        running.phase, running.since_ns = phase, inputs.now_ns
         running.set_before = None
 
     def _count_gate(self, running: _Running, drives: Drives | None) -> None:
@@ -93,11 +94,11 @@ class AttemptReport:
             running.pauses[waiting] += 1
         running.waiting = waiting
 
-    def _measure_margins(self, running: _Running, seen: Observed) -> None:
+    def _measure_margins(self, running: _Running, inputs: SupervisorInputs) -> None:
         """Smallest distances to the image's edge, the gate's rates, and the age at which a state is refused."""
-        state, drives = seen.state, seen.drives
+        state, drives = inputs.state, inputs.drives
         if state is not None:
-            age_ms = (seen.now_ns - state.capture_ns) / NS_PER_MS
+            age_ms = (inputs.now_ns - state.capture_ns) / NS_PER_MS
             self._least(running, "age_ms", DOCKING_STATE.max_age_ms - age_ms)
             for feature in state.features:
                 if feature is not None:
@@ -124,7 +125,7 @@ class AttemptReport:
 
     def _record(self, running: _Running, now_ns: int, mission: Mission, attempt: Attempt) -> dict[str, Any]:
         return {
-            "schema": SCHEMA,
+            "schema": ATTEMPT_SCHEMA,
             "trolley": attempt.trolley,
             "epoch": attempt.epoch,
             "method": self._config.controller.method,
@@ -145,11 +146,11 @@ class AttemptReport:
         }
 
 
-def errors(state: DockingState, behind_m: float) -> dict[str, float]:
-    """The estimate as a signed error of {F} in {L}, where it should stand ``behind_m`` behind: cm and degrees."""
-    c, s = math.cos(state.theta_rad), math.sin(state.theta_rad)
+def errors(state: DockingState, goal: Pose2) -> dict[str, float]:
+    """The estimated error against a goal (pose of {L} in {F}), signed, in cm and degrees."""
+    error = docked_error(Pose2(state.x_m, state.y_m, state.theta_rad).inverse(), goal)
     return {
-        "e_x_cm": round(100 * (state.x_m * c + state.y_m * s - behind_m), 3),
-        "e_y_cm": round(100 * (state.x_m * s - state.y_m * c), 3),
-        "e_theta_deg": round(-math.degrees(wrap_angle(state.theta_rad)), 3),
+        "e_x_cm": round(100 * error.e_x_m, 3),
+        "e_y_cm": round(100 * error.e_y_m, 3),
+        "e_theta_deg": round(error.e_theta_deg, 3),
     }

@@ -9,7 +9,7 @@ from typing import Any
 from common.file_writer import BackgroundWriter
 from common.timing import NS_PER_S
 
-ATTEMPTS_FILE = "attempts.jsonl"
+ATTEMPTS_FILE, ATTEMPT_SCHEMA = "attempts.jsonl", "attempt/1"
 _PROBE_FILE = ".writable"
 _PROBE = "x" * 16_384
 _PROBE_PERIOD_NS = 2 * NS_PER_S

@@ -23,8 +23,8 @@ _FREE_PHASES: tuple[Phase, ...] = ("idle", "done")
 _EPOCHS_BY_HAND = 1 << 62
 
 
-@dataclass(frozen=True)
-class ManualSeen:
+@dataclass(frozen=True, kw_only=True)
+class ManualInputs:
     """What this mode looks at in one step; None is what is missing or too old. ``phase`` is the docking's."""
 
     now_ns: int
@@ -36,8 +36,8 @@ class ManualSeen:
     dock_requests: tuple[DockRequest, ...] = ()
 
 
-@dataclass(frozen=True)
-class ManualStep:
+@dataclass(frozen=True, kw_only=True)
+class ManualOutputs:
     """Answers, and the dock requests that are left for the docking."""
 
     answers: tuple[Answer, ...]
@@ -61,11 +61,11 @@ class ManualMode:
         """Whether a person moves the robot."""
         return self._wanted is not None
 
-    def step(self, seen: ManualSeen) -> ManualStep:
+    def step(self, inputs: ManualInputs) -> ManualOutputs:
         """Answer requests, and end the mode when it has to."""
-        answers = tuple(self._answer(request, seen) for request in seen.requests)
+        answers = tuple(self._answer(request, inputs) for request in inputs.requests)
         dock_answers, left = [], []
-        for request in seen.dock_requests:
+        for request in inputs.dock_requests:
             if not self.active:
                 left.append(request)
             elif request.action == "abort":
@@ -74,8 +74,8 @@ class ManualMode:
             else:
                 dock_answers.append(Answer(request.id, "refused", "a person moves the robot: manual mode is on"))
         if self.active:
-            self._watch(seen)
-        return ManualStep(answers, tuple(dock_answers), tuple(left))
+            self._watch(inputs)
+        return ManualOutputs(answers=answers, dock_answers=tuple(dock_answers), dock_requests=tuple(left))
 
     def mission(self, docking: Mission) -> Mission:
         """The docking's mission, or that of the manual mode while it is on; afterwards why it ended, while idle."""
@@ -99,39 +99,39 @@ class ManualMode:
             lift_m=wanted.lift_m,
         )
 
-    def _answer(self, request: ManualRequest, seen: ManualSeen) -> Answer:
-        if seen.now_ns > request.expires_ns:
+    def _answer(self, request: ManualRequest, inputs: ManualInputs) -> Answer:
+        if inputs.now_ns > request.expires_ns:
             return Answer(request.id, "expired", "came after its expiry")
         if request.action == "stop":
             self._end("")
             return Answer(request.id, "done", "disarmed")
-        refusal = self._refusal(seen) or self._beyond_travel(request)
+        refusal = self._refusal(inputs) or self._beyond_travel(request)
         if refusal:
             return Answer(request.id, "refused", refusal)
         self._wanted = request
         self._epoch += 1
         self._cause = ""
-        self._heard_ns = seen.now_ns + _FIRST_COMMAND_NS
-        self._drives_ns = seen.now_ns
+        self._heard_ns = inputs.now_ns + _FIRST_COMMAND_NS
+        self._drives_ns = inputs.now_ns
         return Answer(request.id, "accepted", "armed while its commands come")
 
-    def _refusal(self, seen: ManualSeen) -> str:
+    def _refusal(self, inputs: ManualInputs) -> str:
         """What keeps a person from moving the robot; empty if nothing does."""
         if self.active:
             return "another station has the manual mode"
-        if seen.phase == "aborted":
+        if inputs.phase == "aborted":
             return "the last docking was aborted: reset it first"
-        if seen.phase not in _FREE_PHASES:
-            return f"a docking is under way: phase {seen.phase}"
-        if seen.drives is None:
+        if inputs.phase not in _FREE_PHASES:
+            return f"a docking is under way: phase {inputs.phase}"
+        if inputs.drives is None:
             return "the CAN bridge is silent"
-        if seen.arms is None:
+        if inputs.arms is None:
             return "the arms' process is silent"
-        if not seen.drives.stop_inputs_clear:
+        if not inputs.drives.stop_inputs_clear:
             return "a stop input is active"
-        if seen.drives.state == "fault":
-            return f"drives: {seen.drives.cause}"[:400]
-        return undervoltage(self._config.base, seen.drives)
+        if inputs.drives.state == "fault":
+            return f"drives: {inputs.drives.cause}"[:400]
+        return undervoltage(self._config.base, inputs.drives)
 
     def _beyond_travel(self, request: ManualRequest) -> str:
         most_m = self._config.follower_can.lift_max_m
@@ -139,22 +139,22 @@ class ManualMode:
             return ""
         return f"the lift goes up to {1000 * most_m:.0f} mm (follower_can.lift_max_m)"
 
-    def _watch(self, seen: ManualSeen) -> None:
-        drives = seen.drives
+    def _watch(self, inputs: ManualInputs) -> None:
+        drives = inputs.drives
         if drives is not None:
-            self._drives_ns = seen.now_ns
+            self._drives_ns = inputs.now_ns
         ours = drives is not None and drives.epoch == self._epoch
-        if seen.command is not None and seen.command.epoch == self._epoch:
-            self._heard_ns = seen.now_ns
-        if seen.now_ns - self._drives_ns > 2 * _SILENT_NS:
+        if inputs.command is not None and inputs.command.epoch == self._epoch:
+            self._heard_ns = inputs.now_ns
+        if inputs.now_ns - self._drives_ns > 2 * _SILENT_NS:
             self._end("drives_silent")
         elif drives is not None and not drives.stop_inputs_clear:
             self._end("stop_input")
         elif drives is not None and ours and drives.state in ("stopped", "fault"):
             self._end(f"gate_stop: {drives.cause}")
-        elif drives is not None and ours and drives.state == "armed" and seen.arms and seen.arms.cause != "ok":
-            self._end(seen.arms.cause)
-        elif seen.now_ns - self._heard_ns > _SILENT_NS:
+        elif drives is not None and ours and drives.state == "armed" and inputs.arms and inputs.arms.cause != "ok":
+            self._end(inputs.arms.cause)
+        elif inputs.now_ns - self._heard_ns > _SILENT_NS:
             self._end("station_silent")
 
     def _end(self, cause: str) -> None:

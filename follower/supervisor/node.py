@@ -25,9 +25,9 @@ from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
 from follower.supervisor.attempt import undervoltage
 from follower.supervisor.attempt_report import AttemptReport
+from follower.supervisor.interface import SupervisorInputs
 from follower.supervisor.journal import Journal
-from follower.supervisor.manual import ManualMode, ManualSeen
-from follower.supervisor.observed import Observed
+from follower.supervisor.manual import ManualInputs, ManualMode
 from follower.supervisor.run_watch import RunWatch
 from follower.supervisor.sequence import DockingSequence
 from follower.supervisor.taught import taught_images
@@ -64,7 +64,7 @@ class SupervisorNode(Node):
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
         """One step of the sequence, or of the manual mode while that is on."""
         by_hand = self._manual.step(self._seen_by_hand(now_ns, inputs))
-        seen = Observed(
+        seen = SupervisorInputs(
             now_ns=now_ns,
             state=inputs.fresh(DOCKING_STATE, now_ns),
             drives=inputs.fresh(DRIVES, now_ns),
@@ -97,8 +97,8 @@ class SupervisorNode(Node):
         self._journal.close()
         return ()
 
-    def _seen_by_hand(self, now_ns: int, inputs: Inbox) -> ManualSeen:
-        return ManualSeen(
+    def _seen_by_hand(self, now_ns: int, inputs: Inbox) -> ManualInputs:
+        return ManualInputs(
             now_ns=now_ns,
             phase=self._sequence.phase,
             drives=inputs.fresh(DRIVES, now_ns),

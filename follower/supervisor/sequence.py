@@ -15,13 +15,13 @@ from common.geometry import Array
 from common.messages import Answer, DockRequest, Drives, FollowerSummary, Mission, Phase
 from common.timing import NS_PER_S
 from follower.supervisor.attempt import Attempt
-from follower.supervisor.observed import Decided, Observed, Orders, Verdict
-from follower.supervisor.phases.acquire import Acquire, Search
-from follower.supervisor.phases.approach import Approach
-from follower.supervisor.phases.contact import Insert, Push
-from follower.supervisor.phases.lock import Lock, Release, Retract
+from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs, SupervisorOutputs
+from follower.supervisor.phases.acquire import AcquirePhase, SearchPhase
+from follower.supervisor.phases.approach import ApproachPhase
+from follower.supervisor.phases.contact import InsertPhase, PushPhase
+from follower.supervisor.phases.lock import LockPhase, ReleasePhase, RetractPhase
 from follower.supervisor.phases.phase import PhaseLogic
-from follower.supervisor.phases.staging import Staging
+from follower.supervisor.phases.staging import StagingPhase
 from follower.supervisor.reckoning import PoseReckoning
 from follower.supervisor.standstill import Standstill
 from follower.supervisor.transitions import ENDED, FREE, IN_CONTACT, Event, next_phase
@@ -45,17 +45,17 @@ _LONGEST_STEP_NS = NS_PER_S // 10
 # before its goal with a trolley, nothing touches the queue from here on
 _CLEAR_M: Final = 0.3
 _LOGIC: Final[dict[Phase, type[PhaseLogic]]] = {
-    "staging": Staging,
-    "acquire": Acquire,
-    "search": Search,
-    "approach": Approach,
-    "insert": Insert,
-    "push": Push,
-    "lock": Lock,
-    "release": Release,
-    "retract": Retract,
+    "staging": StagingPhase,
+    "acquire": AcquirePhase,
+    "search": SearchPhase,
+    "approach": ApproachPhase,
+    "insert": InsertPhase,
+    "push": PushPhase,
+    "lock": LockPhase,
+    "release": ReleasePhase,
+    "retract": RetractPhase,
 }
-_HOLD: Final = Orders()
+_HOLD: Final = PhaseOutputs()
 
 
 class DockingSequence:
@@ -79,9 +79,16 @@ class DockingSequence:
         self._drives_silent_ns = 0
         self._reckoning = PoseReckoning(config.base)
         self._standstill = Standstill(config.base)
-        self._attempt = Attempt(config, 1, run_id, None, self._reckoning, self._standstill)
+        self._attempt = Attempt(
+            config=config,
+            trolley=1,
+            epoch=run_id,
+            taught=None,
+            reckoning=self._reckoning,
+            standstill=self._standstill,
+        )
         self._apart: bool | None = None
-        self._touched = 0
+        self._touched_trolley = 0
 
     @property
     def phase(self) -> Phase:
@@ -93,159 +100,170 @@ class DockingSequence:
         """The docking under way, or the last one."""
         return self._attempt
 
-    def step(self, seen: Observed) -> Decided:
+    def step(self, inputs: SupervisorInputs) -> SupervisorOutputs:
         """Take one step."""
-        answers = tuple(self._answer(request, seen) for request in seen.requests)
-        self._look(seen)
-        self._touch(seen)
-        ended = self._watch(seen) if self._phase not in ENDED else None
+        answers = tuple(self._answer(request, inputs) for request in inputs.requests)
+        self._update_pose(inputs)
+        self._update_contact(inputs)
+        ended = self._watch(inputs) if self._phase not in ENDED else None
         if ended is not None:
-            self._follow(ended, seen)
-        orders = self._orders(seen)
-        return Decided(self._mission(orders), self._summary(seen, orders), answers, orders.lock_request)
+            self._follow(ended, inputs)
+        wanted = self._phase_outputs(inputs)
+        return SupervisorOutputs(
+            mission=self._mission(wanted),
+            summary=self._summary(inputs, wanted),
+            answers=answers,
+            lock_request=wanted.lock_request,
+        )
 
-    def _look(self, seen: Observed) -> None:
+    def _update_pose(self, inputs: SupervisorInputs) -> None:
         """Follow the Leader by odometry, and by sight while that is where it must be."""
-        elapsed_ns = 0 if self._before_ns is None else seen.now_ns - self._before_ns
-        self._before_ns = seen.now_ns
-        self._standstill.step(seen.now_ns, seen.drives)
-        if seen.drives is not None:
+        elapsed_ns = 0 if self._before_ns is None else inputs.now_ns - self._before_ns
+        self._before_ns = inputs.now_ns
+        self._standstill.step(inputs.now_ns, inputs.drives)
+        if inputs.drives is not None:
             self._drives_silent_ns = 0
-            self._reckoning.drive(seen.drives)
+            self._reckoning.drive(inputs.drives)
         else:
             self._drives_silent_ns += min(elapsed_ns, _LONGEST_STEP_NS)
-        state = seen.state
+        state = inputs.state
         if state is not None and state.valid and (not self._attempt.armed or self._reckoning.agrees(state)):
             self._reckoning.seen(state)
 
-    def _touch(self, seen: Observed) -> None:
+    def _update_contact(self, inputs: SupervisorInputs) -> None:
         """Whether the trolley in the grippers is apart from guide and queue; None: nobody knows.
 
         What was in contact stays so over a reset and a new docking, until it is let go or seen clear of the queue.
         """
         if self._phase in IN_CONTACT:
-            self._apart, self._touched = False, self._attempt.trolley
-        elif self._clear_of_queue(seen):
-            self._apart, self._touched = True, 0
-        elif seen.arms is not None and seen.arms.released:
+            self._apart, self._touched_trolley = False, self._attempt.trolley
+        elif self._clear_of_queue(inputs):
+            self._apart, self._touched_trolley = True, 0
+        elif inputs.arms is not None and inputs.arms.released:
             self._apart = None
 
-    def _clear_of_queue(self, seen: Observed) -> bool:
+    def _clear_of_queue(self, inputs: SupervisorInputs) -> bool:
         """By sight and odometry; the queue is as long as the Leader counts, or as what was touched last."""
-        pose, leader = self._reckoning.pose, seen.leader
+        pose, leader = self._reckoning.pose, inputs.leader
         if pose is None or leader is None or leader.queue is None:
             return False
-        next_one = max(leader.queue + 1, self._touched)
+        next_one = max(leader.queue + 1, self._touched_trolley)
         return pose.x_m - self._config.docking.goal(next_one).x_m > _CLEAR_M
 
-    def _orders(self, seen: Observed) -> Orders:
+    def _phase_outputs(self, inputs: SupervisorInputs) -> PhaseOutputs:
         """What the phase wants; a phase that ends hands over to the next at once."""
         for _ in range(len(_LOGIC)):
             if self._logic is None:
                 return _HOLD
-            wanted = self._logic.step(seen)
-            if isinstance(wanted, Orders):
-                return wanted
-            self._follow(wanted, seen)
+            step = self._logic.step(inputs)
+            if isinstance(step, PhaseOutputs):
+                return step
+            self._follow(step, inputs)
         return _HOLD
 
     # --- requests
 
-    def _answer(self, request: DockRequest, seen: Observed) -> Answer:
-        if seen.now_ns > request.expires_ns:
+    def _answer(self, request: DockRequest, inputs: SupervisorInputs) -> Answer:
+        if inputs.now_ns > request.expires_ns:
             return Answer(request.id, "expired", "came after its expiry")
         if request.action == "abort":
             if self._phase in ENDED:
                 return Answer(request.id, "done", f"nothing to abort in phase {self._phase}")
-            self._follow(Verdict("abort", "operator_abort"), seen)
+            self._follow(PhaseResult("abort", "operator_abort"), inputs)
             return Answer(request.id, "done", "aborted")
         if request.action == "reset":
             if self._phase not in ENDED:
                 return Answer(request.id, "refused", f"phase {self._phase} is under way")
-            self._follow(Verdict("reset"), seen)
+            self._follow(PhaseResult("reset"), inputs)
             self._resets += 1
             return Answer(request.id, "done", "idle")
-        refusal = self._refusal(request, seen)
+        refusal = self._refusal(request, inputs)
         if refusal:
             return Answer(request.id, "refused", refusal)
-        self._begin(request.trolley, seen)
+        self._begin(request.trolley, inputs)
         return Answer(request.id, "accepted", f"docking trolley {request.trolley}")
 
-    def _refusal(self, request: DockRequest, seen: Observed) -> str:
+    def _refusal(self, request: DockRequest, inputs: SupervisorInputs) -> str:
         if self._phase not in ENDED:
             return f"phase {self._phase} is under way"
         if self._latched():
             return f"stopped by {self._cause}: reset first (davpc dock reset)"
         if self._taught is not None and request.trolley not in self._taught:
             return f"docking {request.trolley} is not taught (docking.taught_dir)"
-        return seen.unfit
+        return inputs.unfit
 
     def _latched(self) -> bool:
         """After S2, and after whatever ended it in contact: then the trolley still stands there, held."""
         in_contact = self._attempt.contact_begin_m is not None or self._apart is False
         return self._phase == "aborted" and (in_contact or needs_reset(self._cause))
 
-    def _begin(self, trolley: int, seen: Observed) -> None:
+    def _begin(self, trolley: int, inputs: SupervisorInputs) -> None:
         grip = self._attempt.grip
         self._epoch += 1
         self._attempt = Attempt(
-            self._config, trolley, self._epoch, self._taught, self._reckoning, self._standstill, grip
+            config=self._config,
+            trolley=trolley,
+            epoch=self._epoch,
+            taught=self._taught,
+            reckoning=self._reckoning,
+            standstill=self._standstill,
+            grip=grip,
         )
-        self._follow(Verdict("start"), seen)
+        self._follow(PhaseResult("start"), inputs)
 
     # --- what ends a docking in any phase
 
-    def _watch(self, seen: Observed) -> Verdict | None:
-        attempt, drives = self._attempt, seen.drives
-        if seen.restarted:
-            return Verdict("failed", f"restarted: {seen.restarted}")
+    def _watch(self, inputs: SupervisorInputs) -> PhaseResult | None:
+        attempt, drives = self._attempt, inputs.drives
+        if inputs.restarted:
+            return PhaseResult("failed", f"restarted: {inputs.restarted}")
         if drives is None:
             silent = attempt.armed and self._drives_silent_ns > _SILENT_NS
-            return Verdict("failed", "drives_silent") if silent else None
+            return PhaseResult("failed", "drives_silent") if silent else None
         attempt.enabled = attempt.enabled or attempt.obeyed(drives)
         if not drives.stop_inputs_clear and not _unheard(drives):
-            return Verdict("failed", "stop_input")
+            return PhaseResult("failed", "stop_input")
         if drives.state == "fault":
-            return Verdict("failed", f"drive_fault: {drives.cause}")
+            return PhaseResult("failed", f"drive_fault: {drives.cause}")
         if attempt.armed and drives.state == "stopped" and drives.epoch == self._epoch:
-            return self._stopped(drives, seen.now_ns)
+            return self._stopped(drives, inputs.now_ns)
         if attempt.enabled and not attempt.obeyed(drives):
-            return Verdict("failed", f"drives_disarmed: {drives.cause or 'by themselves'}")
-        if attempt.armed and seen.arms is not None and seen.arms.cause != "ok":
+            return PhaseResult("failed", f"drives_disarmed: {drives.cause or 'by themselves'}")
+        if attempt.armed and inputs.arms is not None and inputs.arms.cause != "ok":
             # the arms already yield, the drives then hold where they are; no pursuit
-            return Verdict("failed", seen.arms.cause)
+            return PhaseResult("failed", inputs.arms.cause)
         early = attempt.trolley == 1 and self._phase in ("approach", "insert", "push")
-        if early and seen.leader is not None and seen.leader.lock == "locked":
-            return Verdict("failed", "lock_implausible")
+        if early and inputs.leader is not None and inputs.leader.lock == "locked":
+            return PhaseResult("failed", "lock_implausible")
         return None
 
-    def _stopped(self, drives: Drives, now_ns: int) -> Verdict:
+    def _stopped(self, drives: Drives, now_ns: int) -> PhaseResult:
         """S1: the gate stopped and disarmed. While nothing is in contact, arm anew once all is well, a few times."""
         attempt = self._attempt
         again = cause_code(drives.cause) in REARMING_CAUSES and attempt.may_rearm(now_ns)
         if again and self._phase in FREE:
-            return Verdict("late")
-        return Verdict("failed", f"gate_stop: {drives.cause}")
+            return PhaseResult("late")
+        return PhaseResult("failed", f"gate_stop: {drives.cause}")
 
-    def _follow(self, verdict: Verdict, seen: Observed) -> None:
+    def _follow(self, result: PhaseResult, inputs: SupervisorInputs) -> None:
         """Go where the table says."""
-        event: Event = verdict.event
+        event: Event = result.event
         self._phase = next_phase(self._phase, event)
         attempt = self._attempt
         if event == "late":
-            attempt.rearmed_ns.append(seen.now_ns)
+            attempt.rearmed_ns.append(inputs.now_ns)
             self._epoch += 1
             attempt.epoch = self._epoch
         if event == "late" or self._phase in ENDED:
             attempt.armed = attempt.enabled = False
         if event in ("start", "reset", "failed", "abort"):
-            self._cause = verdict.cause
+            self._cause = result.cause
         logic = _LOGIC.get(self._phase)
-        self._logic = logic(attempt, seen.now_ns) if logic is not None else None
+        self._logic = logic(attempt, inputs.now_ns) if logic is not None else None
 
     # --- what the others are told
 
-    def _mission(self, orders: Orders) -> Mission:
+    def _mission(self, wanted: PhaseOutputs) -> Mission:
         attempt = self._attempt
         return Mission(
             phase=self._phase,
@@ -253,34 +271,34 @@ class DockingSequence:
             trolley=attempt.trolley,
             epoch=self._epoch,
             armed=attempt.armed,
-            motion=orders.motion if attempt.armed else "hold",
-            straight_speed_m_s=orders.straight_speed_m_s,
-            v_max_m_s=orders.v_max_m_s,
-            w_max_rad_s=orders.w_max_rad_s,
+            motion=wanted.motion if attempt.armed else "hold",
+            straight_speed_m_s=wanted.straight_speed_m_s,
+            v_max_m_s=wanted.v_max_m_s,
+            w_max_rad_s=wanted.w_max_rad_s,
             goal_theta_rad=attempt.goal.theta_rad,
             desired_features=tuple((float(a), float(b)) for a, b in attempt.desired),
             grip=attempt.grip,
-            contact_expected=orders.contact_expected,
+            contact_expected=wanted.contact_expected,
             resets=self._resets,
-            waiting=orders.waiting[:400],
+            waiting=wanted.waiting[:400],
             needs_reset=self._latched(),
-            turn_rate_rad_s=orders.turn_rate_rad_s,
+            turn_rate_rad_s=wanted.turn_rate_rad_s,
         )
 
-    def _summary(self, seen: Observed, orders: Orders) -> FollowerSummary:
+    def _summary(self, inputs: SupervisorInputs, wanted: PhaseOutputs) -> FollowerSummary:
         """Careful: what is not known counts as moving, and as in contact."""
         attempt = self._attempt
-        still = seen.drives is not None and self._standstill.holds
-        held = seen.arms is None or not seen.arms.released
+        still = inputs.drives is not None and self._standstill.holds
+        held = inputs.arms is None or not inputs.arms.released
         return FollowerSummary(
             phase=self._phase,
             cause=self._cause[:400],
-            waiting=orders.waiting[:400],
+            waiting=wanted.waiting[:400],
             trolley=attempt.trolley,
             armed=attempt.armed,
-            moving=not still or (attempt.armed and orders.motion != "hold"),
+            moving=not still or (attempt.armed and wanted.motion != "hold"),
             in_contact=held and (self._phase in IN_CONTACT or self._apart is not True),
-            gripped=seen.arms is not None and seen.arms.gripped,
+            gripped=inputs.arms is not None and inputs.arms.gripped,
             needs_reset=self._latched(),
         )
 

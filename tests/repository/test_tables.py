@@ -41,7 +41,7 @@ def test_every_cause_that_is_named_is_explained() -> None:
     named: set[str] = set()
     for path in (ROOT / "follower/supervisor").rglob("*.py"):
         named |= set(re.findall(r'failed\(\s*f?"([a-z_]+)', path.read_text()))
-        named |= set(re.findall(r'Verdict\("(?:failed|abort|unreachable)", f?"([a-z_]+)', path.read_text()))
+        named |= set(re.findall(r'PhaseResult\("(?:failed|abort|unreachable)", f?"([a-z_]+)', path.read_text()))
         named |= set(re.findall(r'(?:self\.code, self\.reason|cause) = "([a-z_]+)"', path.read_text()))
     assert len(named) > 20
     assert named - {"lock_"} - set(CAUSES) == set()

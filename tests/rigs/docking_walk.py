@@ -12,7 +12,7 @@ from common.geometry import Pose2
 from common.messages import Answer, ArmState, DockRequest, FollowerSummary, LockRequest, Mission
 from common.timing import NS_PER_S
 from follower.supervisor.attempt import MAX_PAUSES, MAX_REARMED, MAX_RETRIES, MAX_SEARCHES, REARMED_WITHIN_S
-from follower.supervisor.observed import Decided, Observed
+from follower.supervisor.interface import SupervisorInputs, SupervisorOutputs
 from follower.supervisor.sequence import DockingSequence
 from follower.supervisor.transitions import ACTIVE, ENDED, IN_CONTACT
 from tests.rigs.supervisor_rig import ARMS, DRIVES, LEADER, docking_state
@@ -34,7 +34,9 @@ class DockingWalk:
         self.pose = Pose2(3.0, 0.05, 0.0)
         self.rolled = [0.0, 0.0]
         self.arms = ARMS
-        self.seen = Observed(NS_PER_S, None, DRIVES, ARMS, LEADER, True)
+        self.seen = SupervisorInputs(
+            now_ns=NS_PER_S, state=None, drives=DRIVES, arms=ARMS, leader=LEADER, controller_alive=True
+        )
         self.before: Mission | None = None
         self.armed_epochs: set[int] = set()
         self.ended_epochs: set[int] = set()
@@ -45,7 +47,7 @@ class DockingWalk:
         self.faults: dict[str, int] = {}
         self.asked: LockRequest | None = None
 
-    def step(self) -> Decided:
+    def step(self) -> SupervisorOutputs:
         """One observation, chosen at random around what a robot would show."""
         seen = self._observe()
         for answer in seen.lock_answers:
@@ -72,7 +74,7 @@ class DockingWalk:
 
     # --- the world
 
-    def _observe(self) -> Observed:
+    def _observe(self) -> SupervisorInputs:
         draw = self.random.random
         self._begin_fault()
         self._move()
@@ -92,17 +94,17 @@ class DockingWalk:
             lock="fault" if "lock" in fault else self._lock(),
             queue=self.sequence.attempt.trolley - 1,
         )
-        return Observed(
-            self.seen.now_ns + (STEP_NS if "stall" not in fault else 40 * STEP_NS),
-            None if "estimator" in fault else state,
-            None if "bridge" in fault else self._drives(fault),
-            None if "arms" in fault else self._arms(fault),
-            None if "link" in fault else leader,
-            "controller" not in fault,
-            self._requests(),
-            self._answers(),
-            "follower-arms" if draw() < 0.0003 else "",
-            "disk" if draw() < 0.01 else "",
+        return SupervisorInputs(
+            now_ns=self.seen.now_ns + (STEP_NS if "stall" not in fault else 40 * STEP_NS),
+            state=None if "estimator" in fault else state,
+            drives=None if "bridge" in fault else self._drives(fault),
+            arms=None if "arms" in fault else self._arms(fault),
+            leader=None if "link" in fault else leader,
+            controller_alive="controller" not in fault,
+            requests=self._requests(),
+            lock_answers=self._answers(),
+            restarted="follower-arms" if draw() < 0.0003 else "",
+            unfit="disk" if draw() < 0.01 else "",
         )
 
     def _lock(self) -> Any:
@@ -224,7 +226,7 @@ class DockingWalk:
 
     # --- judging
 
-    def _judge(self, seen: Observed, decided: Decided, was_latched: bool) -> None:
+    def _judge(self, seen: SupervisorInputs, decided: SupervisorOutputs, was_latched: bool) -> None:
         mission, summary = decided.mission, decided.summary
         self.phases.add(mission.phase)
         if mission.phase in ENDED:
@@ -260,7 +262,7 @@ class DockingWalk:
         elif mission.epoch in self.armed_epochs:
             self.ended_epochs.add(mission.epoch)
 
-    def _judge_motion(self, seen: Observed, mission: Mission) -> None:
+    def _judge_motion(self, seen: SupervisorInputs, mission: Mission) -> None:
         """Nothing moves but armed, with drives that are heard, obey and see no stop; ahead only with sight."""
         if mission.motion == "hold":
             assert (mission.straight_speed_m_s, mission.turn_rate_rad_s) == (0.0, 0.0)
@@ -289,7 +291,7 @@ class DockingWalk:
             assert mission.phase in BACKWARDS
             assert mission.straight_speed_m_s >= -0.1
 
-    def _judge_grip(self, seen: Observed, mission: Mission, summary: FollowerSummary) -> None:
+    def _judge_grip(self, seen: SupervisorInputs, mission: Mission, summary: FollowerSummary) -> None:
         """Nothing in contact is let go before the Leader has said that it is locked."""
         if mission.grip == "open":
             assert mission.phase in OPEN_ALLOWED
@@ -304,7 +306,7 @@ class DockingWalk:
         if mission.motion != "hold" or seen.drives is None:
             assert summary.moving
 
-    def _is_apart(self, seen: Observed) -> bool:
+    def _is_apart(self, seen: SupervisorInputs) -> bool:
         """The trolley was let go, or is by sight and odometry well before where the next one goes."""
         pose = self.sequence.attempt.reckoning.pose
         if seen.arms is not None and seen.arms.released:

@@ -10,7 +10,14 @@ from common.messages import Answer, FollowerSummary, LeaderState, LockRequest
 from common.timing import NS_PER_S
 from leader.sequence import IoInputs, IoOutputs, LeaderSequence
 
-SEATED = IoInputs(0.0, False, True, False, True, (1.0,) * 4)
+SEATED = IoInputs(
+    actuator_current_a=0.0,
+    guide_lifted=False,
+    beam_seated=True,
+    lock_extended=False,
+    lock_retracted=True,
+    led_current_a=(1.0,) * 4,
+)
 LOCKED = replace(SEATED, lock_extended=True, lock_retracted=False)
 HALF_WAY = replace(SEATED, lock_extended=False, lock_retracted=False)
 AWAY = FollowerSummary("idle", "", "", 1, False, False, False, False, False)
@@ -37,7 +44,7 @@ class Bench:
         self.seen = replace(self.seen, **changes)
         for _ in range(max(1, round(seconds * 50))):
             self.now_ns += NS_PER_S // 50
-            self.sequence.hear(self.follower)
+            self.sequence.set_follower(self.follower)
             state, due = self.sequence.step(self.now_ns, self.seen)
             self.outputs = self.sequence.outputs
             self.answers += due.lock
@@ -46,7 +53,7 @@ class Bench:
 
     def ask(self, action: str, age_ns: int = 0, **kwargs: Any) -> str:
         request = LockRequest(f"{action}-{self.now_ns}", 5000, action, **kwargs)  # type: ignore[arg-type]
-        self.sequence.hear(self.follower)
+        self.sequence.set_follower(self.follower)
         self.sequence.request(request, self.now_ns - age_ns, self.now_ns, self.seen)
         return request.id
 

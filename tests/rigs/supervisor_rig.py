@@ -9,7 +9,7 @@ from common.config import Config
 from common.geometry import Pose2, features_at
 from common.messages import Answer, ArmState, DockingState, DockRequest, Drives, LeaderState, LockRequest, Mission
 from common.timing import NS_PER_S
-from follower.supervisor.observed import Decided, Observed
+from follower.supervisor.interface import SupervisorInputs, SupervisorOutputs
 from follower.supervisor.sequence import DockingSequence
 
 STEP_NS = NS_PER_S // 20
@@ -37,7 +37,7 @@ class Bench:
 
     config: Config
     sequence: DockingSequence = field(init=False)
-    seen: Observed = field(init=False)
+    seen: SupervisorInputs = field(init=False)
     mission: Mission | None = None
     lock_requests: list[LockRequest] = field(default_factory=list)
     rolled_m: float = 0.0
@@ -45,9 +45,11 @@ class Bench:
     def __post_init__(self) -> None:
         self.sequence = DockingSequence(self.config, run_id=1000)
         far = docking_state(self.config, Pose2(5.0, 0.1, 0.0))
-        self.seen = Observed(NS_PER_S, far, DRIVES, ARMS, LEADER, True)
+        self.seen = SupervisorInputs(
+            now_ns=NS_PER_S, state=far, drives=DRIVES, arms=ARMS, leader=LEADER, controller_alive=True
+        )
 
-    def step(self, **changes: Any) -> Decided:
+    def step(self, **changes: Any) -> SupervisorOutputs:
         """Observe once with changes that stay."""
         self.seen = replace(self.seen, now_ns=self.seen.now_ns + STEP_NS, **changes)
         if self.seen.drives is not None:

@@ -4,27 +4,27 @@ from __future__ import annotations
 
 import math
 
-from common.timing import NS_PER_S
-from follower.supervisor.attempt import MAX_SEARCHES, Attempt, Since, not_enabled
-from follower.supervisor.observed import Observed, Orders, Verdict, turning
+from common.timing import NS_PER_S, HeldFor
+from follower.supervisor.attempt import MAX_SEARCHES, Attempt, not_enabled
+from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs, turning
 from follower.supervisor.phases.phase import PhaseLogic, failed
 
-_CONFIRM_S = 0.5
+_CONFIRM_NS = NS_PER_S // 2
 _THERE_RAD, _SLOWEST_RAD_S = 0.02, 0.05
 # a state with these causes is no image in which the array could be missing: turning would not help
 _NO_IMAGE = frozenset({"no_frame", "stale_frame", "bad_frame", "frozen_camera"})
 
 
-def search_refusal(attempt: Attempt, seen: Observed) -> str:
+def search_refusal(attempt: Attempt, inputs: SupervisorInputs) -> str:
     """Why no search may begin, as a cause; empty if one may.
 
     With a trolley in the grippers turning sweeps its front: not near the queue.
     """
-    if seen.state is None:
+    if inputs.state is None:
         return "estimator_silent"
-    if seen.state.cause in _NO_IMAGE:
-        return f"camera_silent: {seen.state.cause}"
-    lost = "leds_lost" if seen.leader is not None else "leader_lost"
+    if inputs.state.cause in _NO_IMAGE:
+        return f"camera_silent: {inputs.state.cause}"
+    lost = "leds_lost" if inputs.leader is not None else "leader_lost"
     if attempt.searches >= MAX_SEARCHES:
         return f"{lost}: {attempt.searches} searches"
     to_goal_m = attempt.to_goal_m()
@@ -33,46 +33,47 @@ def search_refusal(attempt: Attempt, seen: Observed) -> str:
     return ""
 
 
-class Acquire(PhaseLogic):
+class AcquirePhase(PhaseLogic):
     """Waits until nothing is missing for 0.5 s, then arms; over once the drives have followed."""
 
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
         super().__init__(attempt, now_ns)
-        self._well, self._blind = Since(), Since()
+        self._well = HeldFor(_CONFIRM_NS)
+        self._blind = HeldFor(round(self.limits.lost_timeout_s * NS_PER_S))
         self._lacked = ""
 
-    def step(self, seen: Observed) -> Orders | Verdict:
+    def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """See :class:`PhaseLogic`."""
         attempt = self.attempt
-        missing = self._missing(seen)
+        missing = self._missing(inputs)
         self._lacked = missing or self._lacked
-        if self._well.held_s(not missing, seen.now_ns) >= _CONFIRM_S:
+        if self._well.step(inputs.now_ns, not missing):
             attempt.armed = True
-            if attempt.obeyed(seen.drives):
-                return Verdict("armed")
-        only_blind = bool(missing) and missing == attempt.blind(seen)
-        blind_s = self._blind.held_s(only_blind, seen.now_ns)
-        refusal = search_refusal(attempt, seen) if only_blind else ""
-        if blind_s >= self.limits.lost_timeout_s and not refusal:
-            return Verdict("leds_lost")
-        if self.elapsed_s(seen) > self.limits.acquire_timeout_s:
-            named = refusal if seen.state is not None else ""
-            what = missing or (not_enabled(seen.drives) if attempt.armed else self._lacked)
+            if attempt.obeyed(inputs.drives):
+                return PhaseResult("armed")
+        only_blind = bool(missing) and missing == attempt.blind(inputs)
+        lost = self._blind.step(inputs.now_ns, only_blind)
+        refusal = search_refusal(attempt, inputs) if only_blind else ""
+        if lost and not refusal:
+            return PhaseResult("leds_lost")
+        if self.elapsed_s(inputs) > self.limits.acquire_timeout_s:
+            named = refusal if inputs.state is not None else ""
+            what = missing or (not_enabled(inputs.drives) if attempt.armed else self._lacked)
             return failed(named or f"acquire_timeout: {what}")
-        return Orders(waiting=missing or "drives")
+        return PhaseOutputs(waiting=missing or "drives")
 
-    def _missing(self, seen: Observed) -> str:
+    def _missing(self, inputs: SupervisorInputs) -> str:
         """What still keeps the robot from arming; empty if nothing does. What turning could mend comes last."""
         attempt = self.attempt
-        unwell = attempt.unwell(seen)
+        unwell = attempt.unwell(inputs)
         if unwell:
             return unwell
-        if seen.arms is None or not seen.arms.gripped:
+        if inputs.arms is None or not inputs.arms.gripped:
             return "no trolley in the grippers"
-        return attempt.rolling() or attempt.leader_unready(seen) or attempt.blind(seen)
+        return attempt.rolling() or attempt.leader_unready(inputs) or attempt.blind(inputs)
 
 
-class Search(PhaseLogic):
+class SearchPhase(PhaseLogic):
     """Turns in place to the left, to the right and back, as often as searches are left.
 
     Over as soon as a lock has agreed for 0.5 s with where the Leader must be. Arms first, if nothing was armed yet.
@@ -85,33 +86,34 @@ class Search(PhaseLogic):
         self._targets: list[float] = []
         self._leg_ns = now_ns
         self._heading_rad: float | None = None
-        self._locked, self._well, self._unwell = Since(), Since(), Since()
+        self._found, self._well = HeldFor(_CONFIRM_NS), HeldFor(_CONFIRM_NS)
+        self._unwell = HeldFor(round(self.limits.lost_timeout_s * NS_PER_S), strictly=True)
 
-    def step(self, seen: Observed) -> Orders | Verdict:
+    def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """See :class:`PhaseLogic`."""
-        attempt, state = self.attempt, seen.state
+        attempt, state = self.attempt, inputs.state
         found = state is not None and state.valid and attempt.reckoning.agrees(state)
-        if self._locked.held_s(found, seen.now_ns) >= _CONFIRM_S:
-            return Verdict("leds_found")
-        unwell = attempt.unwell(seen) or ("no docking state" if state is None else "")
+        if self._found.step(inputs.now_ns, found):
+            return PhaseResult("leds_found")
+        unwell = attempt.unwell(inputs) or ("no docking state" if state is None else "")
         if not attempt.armed:
-            unwell = unwell or attempt.rolling() or attempt.leader_unready(seen)
-        if self._unwell.held_s(bool(unwell), seen.now_ns) > self.limits.lost_timeout_s:
+            unwell = unwell or attempt.rolling() or attempt.leader_unready(inputs)
+        if self._unwell.step(inputs.now_ns, bool(unwell)):
             return failed("estimator_silent" if state is None else f"unwell: {unwell}")
-        if self._well.held_s(not unwell, seen.now_ns) >= _CONFIRM_S:
+        if self._well.step(inputs.now_ns, not unwell):
             attempt.armed = True
-        if (seen.now_ns - self._leg_ns) > self._leg_limit_s * NS_PER_S:
-            still = "the turn is not covered" if attempt.enabled else not_enabled(seen.drives)
+        if (inputs.now_ns - self._leg_ns) > self._leg_limit_s * NS_PER_S:
+            still = "the turn is not covered" if attempt.enabled else not_enabled(inputs.drives)
             return failed(f"search_timeout: {unwell or still}")
-        if found or unwell or seen.drives is None or not attempt.obeyed(seen.drives):
-            return Orders(waiting=unwell or "LEDs")
-        return self._turn(seen, attempt.heading_rad(seen.drives))
+        if found or unwell or inputs.drives is None or not attempt.obeyed(inputs.drives):
+            return PhaseOutputs(waiting=unwell or "LEDs")
+        return self._turn(inputs, attempt.heading_rad(inputs.drives))
 
-    def _turn(self, seen: Observed, heading_rad: float) -> Orders | Verdict:
+    def _turn(self, inputs: SupervisorInputs, heading_rad: float) -> PhaseOutputs | PhaseResult:
         if self._heading_rad is None:
             self._heading_rad = heading_rad
         if not self._targets:
-            refusal = search_refusal(self.attempt, seen)
+            refusal = search_refusal(self.attempt, inputs)
             if refusal:
                 return failed(refusal)
             self.attempt.searches += 1
@@ -119,7 +121,7 @@ class Search(PhaseLogic):
         left_rad = self._targets[0] - (heading_rad - self._heading_rad)
         if abs(left_rad) < _THERE_RAD:
             self._targets.pop(0)
-            self._leg_ns = seen.now_ns
-            return Orders(waiting="LEDs")
+            self._leg_ns = inputs.now_ns
+            return PhaseOutputs(waiting="LEDs")
         rate = min(self.limits.search_rate_rad_s, abs(left_rad))
         return turning(math.copysign(max(rate, _SLOWEST_RAD_S), left_rad))

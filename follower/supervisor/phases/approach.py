@@ -7,44 +7,45 @@ import math
 from common.geometry import Array
 from common.kinematics import twist_from_wheels
 from common.messages import DockingState
-from follower.supervisor.attempt import MAX_PAUSES, MAX_RETRIES, Attempt, Since
+from common.timing import NS_PER_S, HeldFor
+from follower.supervisor.attempt import MAX_PAUSES, MAX_RETRIES, Attempt
+from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs
 from follower.supervisor.lateral_forecast import LateralForecast
-from follower.supervisor.observed import Observed, Orders, Verdict
 from follower.supervisor.phases.acquire import search_refusal
 from follower.supervisor.phases.phase import PhaseLogic, failed
 
 LAST_METRE_M = 1.0
 _SLOWING_M_S2 = 0.15  # towards it: gently enough for the controller to follow, so that the gate has nothing to clip
-_GREEN_S = 0.5
-_HEALTHY_S = 2.0
-_MISSING_LED_S = 0.3
+_RESUME_NS = NS_PER_S // 2
+_HEALTHY_NS = 2 * NS_PER_S
+_MISSING_LED_NS = 3 * NS_PER_S // 10
 _NEARER_M = 0.02
 _HEADING_LEVER_M = 0.5
 _OVERSHOT_M = 0.15
-# row 40: an error of the wheels' speed, as a share of the largest that the estimator may find, that no load explains;
+# an error of the wheels' speed, as a share of the largest that the estimator may find, that no load explains;
 # for how long, and once paused for how long again, while the estimator learns that it is over; above which speed
-_SLIP_SHARE, _SLIP_S, _SLIP_AGAIN_S, _SLIP_SPEED_M_S = 0.6, 0.3, 1.0, 0.05
+_SLIP_SHARE, _SLIP_NS, _SLIP_AGAIN_NS, _SLIP_SPEED_M_S = 0.6, 3 * NS_PER_S // 10, NS_PER_S, 0.05
 
 
 class WheelSlip:
-    """Whether the wheels turn and the robot, by its own sight, hardly follows (SAFETY.md, row 40)."""
+    """Whether the wheels turn and the robot, by its own sight, hardly follows (``docs/safety.md`` S40)."""
 
     def __init__(self, attempt: Attempt) -> None:
         self._attempt = attempt
         self._gain = -_SLIP_SHARE * attempt.config.estimator.disturbance.bound[0]
-        self._slipping = Since()
-        self._needed_s = _SLIP_S
+        self._first, self._again = HeldFor(_SLIP_NS), HeldFor(_SLIP_AGAIN_NS)
+        self._found_once = False
 
-    def step(self, seen: Observed) -> bool:
+    def step(self, inputs: SupervisorInputs) -> bool:
         """Take one step; true once it has been so for 0.3 s, later for 1 s."""
-        state, drives = seen.state, seen.drives
+        state, drives = inputs.state, inputs.drives
         slips = False
         if state is not None and state.valid and drives is not None:
             v_m_s, _ = twist_from_wheels(self._attempt.config.base, drives.wheel_speed_rad_s)
             slips = abs(v_m_s) > _SLIP_SPEED_M_S and state.disturbance[0] < self._gain
-        found = self._slipping.held_s(slips, seen.now_ns) >= self._needed_s
-        if found:
-            self._needed_s = _SLIP_AGAIN_S
+        first, again = self._first.step(inputs.now_ns, slips), self._again.step(inputs.now_ns, slips)
+        found = again if self._found_once else first
+        self._found_once = self._found_once or found
         return found
 
 
@@ -54,37 +55,44 @@ class Pause:
 
     def __init__(self, attempt: Attempt) -> None:
         self._attempt = attempt
-        self._green, self._lost, self._slip = Since(), Since(), WheelSlip(attempt)
+        self._well = HeldFor(_RESUME_NS)
+        self._unwell = HeldFor(round(attempt.config.supervisor.lost_timeout_s * NS_PER_S), strictly=True)
+        self._slip = WheelSlip(attempt)
         self.on = False
-        self.lost_s = 0.0
         self.code = self.reason = ""
 
-    def step(self, seen: Observed, too_uncertain: bool) -> None:
+    @property
+    def too_long(self) -> bool:
+        """Whether it has not been well for longer than ``supervisor.lost_timeout_s``."""
+        return self._unwell.on
+
+    def step(self, inputs: SupervisorInputs, too_uncertain: bool) -> None:
         """Take one step; ``too_uncertain``: with the LEDs that are left the goal cannot be told well enough."""
         attempt = self._attempt
-        self.code, self.reason = "unwell", attempt.blind(seen) or attempt.unwell(seen)
+        self.code, self.reason = "unwell", attempt.blind(inputs) or attempt.unwell(inputs)
         if not self.reason and too_uncertain:
             self.code, self.reason = "few_leds", "too few LEDs to tell the goal"
-        if self._slip.step(seen) and not self.reason:
+        if self._slip.step(inputs) and not self.reason:
             self.code, self.reason = "unwell", "the wheels slip"
-        if not self.reason and seen.state is not None and not attempt.reckoning.agrees(seen.state):
+        if not self.reason and inputs.state is not None and not attempt.reckoning.agrees(inputs.state):
             self.code, self.reason = "lock_disagrees", "the LEDs are not where they must be"
-        self.lost_s = self._lost.held_s(bool(self.reason), seen.now_ns)
-        green_s = self._green.held_s(not self.reason, seen.now_ns)
+        self._unwell.step(inputs.now_ns, bool(self.reason))
+        well = self._well.step(inputs.now_ns, not self.reason)
         if self.reason and not self.on:
             self.on = True
             attempt.pauses += 1
-        elif self.on and green_s >= _GREEN_S:
+        elif self.on and well:
             self.on = False
 
 
-class Approach(PhaseLogic):
+class ApproachPhase(PhaseLogic):
     """Over when arrived and settled, when the LEDs stay lost, or when it comes no nearer."""
 
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
         super().__init__(attempt, now_ns)
         self._pause = Pause(attempt)
-        self._arrived, self._healthy = Since(), Since()
+        self._settled = HeldFor(round(attempt.config.docking.settle_s * NS_PER_S))
+        self._healthy = HeldFor(_HEALTHY_NS)
         self._forecast = LateralForecast(attempt.config, attempt.goal)
         self._last_seen_ns: list[int] = [now_ns] * len(attempt.desired)
         self._nearest_m = math.inf
@@ -92,42 +100,42 @@ class Approach(PhaseLogic):
         self._driven_s = self._allowed_s = 0.0
         self._before_ns = now_ns
 
-    def step(self, seen: Observed) -> Orders | Verdict:
+    def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """See :class:`PhaseLogic`."""
-        if seen.arms is not None and seen.arms.connected:
+        if inputs.arms is not None and inputs.arms.connected:
             return failed("contact_early")
-        missing = self._missing_leds(seen)
-        self._pause.step(seen, bool(missing) and self._forecast.sigma_m(missing) > self.limits.reduced_sigma_m)
-        self._healthy_s = self._healthy.held_s(not self._pause.reason, seen.now_ns)
-        elapsed_s = (seen.now_ns - self._before_ns) * 1e-9
-        self._before_ns = seen.now_ns
+        missing = self._missing_leds(inputs)
+        self._pause.step(inputs, bool(missing) and self._forecast.sigma_m(missing) > self.limits.reduced_sigma_m)
+        self._healthy.step(inputs.now_ns, not self._pause.reason)
+        elapsed_s = (inputs.now_ns - self._before_ns) * 1e-9
+        self._before_ns = inputs.now_ns
         if self._pause.on:
-            return self._paused(seen)
+            return self._paused(inputs)
         self._driven_s += elapsed_s
         # slowed down for a missing LED it may take as much longer
         self._allowed_s += elapsed_s * (
             self.limits.reduced_speed_m_s / self.limits.approach_speed_m_s if missing else 1.0
         )
-        state = seen.state
+        state = inputs.state
         assert state is not None  # or it would pause
-        if self._settled(state, seen.now_ns) >= self.attempt.config.docking.settle_s:
-            return Verdict("arrived")
-        return self._unreachable(state, seen) or self._servo(state, bool(missing))
+        if self._settled.step(inputs.now_ns, arrived(self.attempt, state)):
+            return PhaseResult("arrived")
+        return self._unreachable(state, inputs) or self._servo(state, bool(missing))
 
-    def _paused(self, seen: Observed) -> Orders | Verdict:
+    def _paused(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         pause = self._pause
-        self._settled(None, seen.now_ns)
+        self._settled.reset()
         if self.attempt.pauses > MAX_PAUSES:
             return failed(f"too_many_pauses: {pause.reason or 'resumed too often'}")
-        if pause.lost_s > self.limits.lost_timeout_s:
-            blind = self.attempt.blind(seen)
+        if pause.too_long:
+            blind = self.attempt.blind(inputs)
             if not blind:
                 return failed(f"{pause.code}: {pause.reason}")
-            refusal = search_refusal(self.attempt, seen)
-            return failed(refusal) if refusal else Verdict("leds_lost")
-        return Orders(waiting=pause.reason or "health")
+            refusal = search_refusal(self.attempt, inputs)
+            return failed(refusal) if refusal else PhaseResult("leds_lost")
+        return PhaseOutputs(waiting=pause.reason or "health")
 
-    def _servo(self, state: DockingState, reduced: bool) -> Orders:
+    def _servo(self, state: DockingState, reduced: bool) -> PhaseOutputs:
         limits = self.limits
         before_m = max(0.0, state.x_m - self.attempt.goal.x_m - LAST_METRE_M)
         v_max = min(
@@ -135,23 +143,20 @@ class Approach(PhaseLogic):
         )
         if reduced:
             v_max = min(v_max, limits.reduced_speed_m_s)
-        return Orders("servo", v_max_m_s=v_max, w_max_rad_s=self.attempt.config.limits.w_max_rad_s)
+        return PhaseOutputs(motion="servo", v_max_m_s=v_max, w_max_rad_s=self.attempt.config.limits.w_max_rad_s)
 
-    def _settled(self, state: DockingState | None, now_ns: int) -> float:
-        return self._arrived.held_s(state is not None and arrived(self.attempt, state), now_ns)
-
-    def _missing_leds(self, seen: Observed) -> tuple[int, ...]:
+    def _missing_leds(self, inputs: SupervisorInputs) -> tuple[int, ...]:
         """LEDs that have not been seen for 0.3 s, while others are."""
-        state = seen.state
+        state = inputs.state
         if state is None or not state.valid or len(state.features) != len(self._last_seen_ns):
             return ()
         for led, feature in enumerate(state.features):
             if feature is not None:
-                self._last_seen_ns[led] = seen.now_ns
+                self._last_seen_ns[led] = inputs.now_ns
         latest_ns = max(self._last_seen_ns)
-        return tuple(led for led, at in enumerate(self._last_seen_ns) if latest_ns - at > _MISSING_LED_S * 1e9)
+        return tuple(led for led, at in enumerate(self._last_seen_ns) if latest_ns - at > _MISSING_LED_NS)
 
-    def _unreachable(self, state: DockingState, seen: Observed) -> Verdict | None:
+    def _unreachable(self, state: DockingState, inputs: SupervisorInputs) -> PhaseResult | None:
         """No nearer for too long, beyond the goal, or too long under way: from the staging pose again, if it may."""
         goal = self.attempt.goal
         off_m = math.hypot(state.x_m - goal.x_m, state.y_m) + _HEADING_LEVER_M * abs(state.theta_rad)
@@ -166,20 +171,20 @@ class Approach(PhaseLogic):
             cause = "approach_timeout"
         else:
             return None
-        return self._again(cause, seen)
+        return self._again(cause, inputs)
 
-    def _again(self, cause: str, seen: Observed) -> Verdict | None:
+    def _again(self, cause: str, inputs: SupervisorInputs) -> PhaseResult | None:
         attempt = self.attempt
         if attempt.retries >= MAX_RETRIES:
             return failed(f"{cause}: {attempt.retries} retries")
-        touched = seen.arms is None or seen.arms.contact or seen.arms.connected or not seen.arms.gripped
-        if touched or attempt.leader_unready(seen):
+        touched = inputs.arms is None or inputs.arms.contact or inputs.arms.connected or not inputs.arms.gripped
+        if touched or attempt.leader_unready(inputs):
             return failed(f"{cause}: no retry with something in contact or a lock engaged")
-        if self._healthy_s < _HEALTHY_S:
+        if not self._healthy.on:
             return None  # a moment ago it was not well: when it has been for 2 s
         attempt.retries += 1
         attempt.retreating = True
-        return Verdict("unreachable", cause)
+        return PhaseResult("unreachable", cause)
 
 
 def arrived(attempt: Attempt, state: DockingState) -> bool:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+from common.docking_errors import docked_error
+from common.geometry import Pose2
 from common.messages import DockingState, Drives
-from follower.supervisor.attempt import Attempt, Since
-from follower.supervisor.observed import Observed, Orders, Verdict, straight
+from common.timing import NS_PER_S, HeldFor
+from follower.supervisor.attempt import Attempt
+from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs, straight
 from follower.supervisor.phases.phase import PhaseLogic, failed
 
 _STROKE_SHARE = 0.8
@@ -19,7 +23,7 @@ class _Ahead(PhaseLogic):
 
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
         super().__init__(attempt, now_ns)
-        self._lost = Since()
+        self._lost = HeldFor(round(self.limits.lost_timeout_s * NS_PER_S), strictly=True)
         self._before_ns = now_ns
         self._driven_s = 0.0
 
@@ -30,67 +34,66 @@ class _Ahead(PhaseLogic):
             attempt.contact_begin_m = odometer_m
         return odometer_m - attempt.contact_begin_m
 
-    def _ahead(self, seen: Observed, pushed_m: float, speed_m_s: float) -> Orders | Verdict:
+    def _ahead(self, inputs: SupervisorInputs, pushed_m: float, speed_m_s: float) -> PhaseOutputs | PhaseResult:
         """Go on, or stand without LEDs: in contact nothing is let go and nothing is looked for."""
         if pushed_m > self.limits.push_limit_m:
             return failed("no_contact")
-        elapsed_s, self._before_ns = (seen.now_ns - self._before_ns) * 1e-9, seen.now_ns
-        unwell = self.attempt.unwell(seen) or self.attempt.blind(seen)
-        lost_s = self._lost.held_s(bool(unwell), seen.now_ns)
-        if lost_s > self.limits.lost_timeout_s:
-            return failed(self._lost_cause(seen, unwell))
+        elapsed_s, self._before_ns = (inputs.now_ns - self._before_ns) * 1e-9, inputs.now_ns
+        unwell = self.attempt.unwell(inputs) or self.attempt.blind(inputs)
+        if self._lost.step(inputs.now_ns, bool(unwell)):
+            return failed(self._lost_cause(inputs, unwell))
         if unwell:
-            return Orders(contact_expected=True, waiting=unwell)
+            return PhaseOutputs(contact_expected=True, waiting=unwell)
         self._driven_s += elapsed_s
         if self._driven_s > 2.0 * self.limits.push_limit_m / speed_m_s + _SPARE_S:
             return failed("push_timeout")
         return straight(speed_m_s, contact_expected=True)
 
-    def _lost_cause(self, seen: Observed, unwell: str) -> str:
-        if unwell != self.attempt.blind(seen):
+    def _lost_cause(self, inputs: SupervisorInputs, unwell: str) -> str:
+        if unwell != self.attempt.blind(inputs):
             return f"unwell: {unwell}"
-        if seen.state is None:
+        if inputs.state is None:
             return "estimator_silent"
-        return f"{'leds_lost' if seen.leader is not None else 'leader_lost'}: in contact"
+        return f"{'leds_lost' if inputs.leader is not None else 'leader_lost'}: in contact"
 
 
-class Insert(_Ahead):
+class InsertPhase(_Ahead):
     """From the goal to the first resistance."""
 
-    def step(self, seen: Observed) -> Orders | Verdict:
+    def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """See :class:`PhaseLogic`."""
-        if seen.drives is None:
-            return Orders(contact_expected=True, waiting="drives")
-        pushed_m = self._pushed_m(seen.drives)
-        if seen.arms is not None and (seen.arms.contact or seen.arms.connected):
-            return Verdict("contact")
-        return self._ahead(seen, pushed_m, self.limits.insert_speed_m_s)
+        if inputs.drives is None:
+            return PhaseOutputs(contact_expected=True, waiting="drives")
+        pushed_m = self._pushed_m(inputs.drives)
+        if inputs.arms is not None and (inputs.arms.contact or inputs.arms.connected):
+            return PhaseResult("contact")
+        return self._ahead(inputs, pushed_m, self.limits.insert_speed_m_s)
 
 
-class Push(_Ahead):
+class PushPhase(_Ahead):
     """Until all trolleys are rigidly connected: by torque, by the way pushed, and by what the camera sees."""
 
-    def step(self, seen: Observed) -> Orders | Verdict:
+    def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """See :class:`PhaseLogic`."""
-        if seen.drives is None:
-            return Orders(contact_expected=True, waiting="drives")
-        pushed_m = self._pushed_m(seen.drives)
-        if seen.arms is not None and seen.arms.connected:
-            return self._connected(seen, pushed_m)
-        return self._ahead(seen, pushed_m, self.limits.push_speed_m_s)
+        if inputs.drives is None:
+            return PhaseOutputs(contact_expected=True, waiting="drives")
+        pushed_m = self._pushed_m(inputs.drives)
+        if inputs.arms is not None and inputs.arms.connected:
+            return self._connected(inputs, pushed_m)
+        return self._ahead(inputs, pushed_m, self.limits.push_speed_m_s)
 
-    def _connected(self, seen: Observed, pushed_m: float) -> Orders | Verdict:
+    def _connected(self, inputs: SupervisorInputs, pushed_m: float) -> PhaseOutputs | PhaseResult:
         stroke_m = self.attempt.config.docking.push_stroke_m
         if pushed_m < _STROKE_SHARE * stroke_m:
             return failed("contact_early")
-        state = seen.state
+        state = inputs.state
         if state is None or not state.valid:
-            if self._lost.held_s(True, seen.now_ns) > self.limits.lost_timeout_s:
-                return failed(self._lost_cause(seen, self.attempt.blind(seen)))
-            return Orders(contact_expected=True, waiting="LEDs")
+            if self._lost.step(inputs.now_ns, True):
+                return failed(self._lost_cause(inputs, self.attempt.blind(inputs)))
+            return PhaseOutputs(contact_expected=True, waiting="LEDs")
         if self._visual_error_m(state, pushed_m) > self.limits.push_visual_tolerance_m:
             return failed("contact_elsewhere")
-        return Verdict("connected")
+        return PhaseResult("connected")
 
     def _visual_error_m(self, state: DockingState, pushed_m: float) -> float:
         """Between where the LEDs say that the push ended and where it should: along, and beyond the bound across.
@@ -99,10 +102,10 @@ class Push(_Ahead):
         before its place is rigid too, and of a later one no switch tells.
         """
         docking, goal = self.attempt.config.docking, self.attempt.goal
-        c, s = math.cos(state.theta_rad), math.sin(state.theta_rad)
-        behind_m = state.x_m * c + state.y_m * s
-        across_m = abs(state.x_m * s - state.y_m * c)
+        at = Pose2(state.x_m, state.y_m, state.theta_rad).inverse()
+        by_stroke = docked_error(at, replace(goal, x_m=goal.x_m - docking.push_stroke_m))
+        by_wheels = docked_error(at, replace(goal, x_m=goal.x_m - pushed_m))
         bound_m = docking.lateral_bound_first_m if self.attempt.trolley == 1 else docking.lateral_bound_next_m
-        short_m = behind_m - (goal.x_m - docking.push_stroke_m) - _SHORT_M
-        by_wheels_m = abs(goal.x_m - pushed_m - behind_m)
-        return math.inf if short_m > 0.0 else max(by_wheels_m, across_m - bound_m)
+        if by_stroke.e_x_m > _SHORT_M:
+            return math.inf
+        return max(abs(by_wheels.e_x_m), abs(by_wheels.e_y_m) - bound_m)

@@ -7,13 +7,13 @@ from typing import Literal
 from common.messages import Answer, LockRequest
 from common.timing import NS_PER_S
 from follower.supervisor.attempt import Attempt
-from follower.supervisor.observed import Observed, Orders, Verdict, straight
+from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs, straight
 from follower.supervisor.phases.phase import PhaseLogic, failed
 
 _REPEAT_NS = NS_PER_S
 
 
-class Lock(PhaseLogic):
+class LockPhase(PhaseLogic):
     """Asks the Leader to lock behind trolley 1, or whether the lock still holds behind a later one.
 
     The request is repeated under one id, so that it is carried out once. Without the link the Follower stands in
@@ -31,25 +31,25 @@ class Lock(PhaseLogic):
         self._heard_s = 0.0
         self._before_ns = now_ns
 
-    def step(self, seen: Observed) -> Orders | Verdict:
+    def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """See :class:`PhaseLogic`."""
-        for answer in seen.lock_answers:
+        for answer in inputs.lock_answers:
             ended = self._take(answer)
             if ended is not None:
                 return ended
-        if seen.leader is not None:
-            self._heard_s += (seen.now_ns - self._before_ns) / NS_PER_S
-        self._before_ns = seen.now_ns
-        if self._confirmed and seen.leader is not None and seen.leader.lock == "locked":
-            return Verdict("confirmed")
+        if inputs.leader is not None:
+            self._heard_s += (inputs.now_ns - self._before_ns) / NS_PER_S
+        self._before_ns = inputs.now_ns
+        if self._confirmed and inputs.leader is not None and inputs.leader.lock == "locked":
+            return PhaseResult("confirmed")
         if self._heard_s > self.limits.lock_timeout_s:
             return failed("lock_timeout")
-        if self.elapsed_s(seen) > self.limits.link_timeout_s:
+        if self.elapsed_s(inputs) > self.limits.link_timeout_s:
             return failed("leader_silent")
-        waiting = "the Leader's link" if seen.leader is None else "the Leader's lock"
-        return Orders(contact_expected=True, waiting=waiting, lock_request=self._request(seen.now_ns))
+        waiting = "the Leader's link" if inputs.leader is None else "the Leader's lock"
+        return PhaseOutputs(contact_expected=True, waiting=waiting, lock_request=self._request(inputs.now_ns))
 
-    def _take(self, answer: Answer) -> Verdict | None:
+    def _take(self, answer: Answer) -> PhaseResult | None:
         if answer.id != self._id:
             return None
         if answer.outcome != "done":
@@ -62,39 +62,39 @@ class Lock(PhaseLogic):
             return None
         self._asked_ns = now_ns
         valid_ms = round(self.limits.lock_timeout_s * 1000)
-        return LockRequest(self._id, valid_ms, self._action, self.attempt.trolley)
+        return LockRequest(id=self._id, valid_for_ms=valid_ms, action=self._action, trolley=self.attempt.trolley)
 
 
-class Release(PhaseLogic):
+class ReleasePhase(PhaseLogic):
     """Opens the grippers: the trolley is locked."""
 
-    def step(self, seen: Observed) -> Orders | Verdict:
+    def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """See :class:`PhaseLogic`."""
         self.attempt.grip = "open"
-        if seen.arms is not None and seen.arms.released:
-            return Verdict("released")
-        if self.elapsed_s(seen) > self.limits.grip_timeout_s:
+        if inputs.arms is not None and inputs.arms.released:
+            return PhaseResult("released")
+        if self.elapsed_s(inputs) > self.limits.grip_timeout_s:
             return failed("release_timeout")
-        return Orders(waiting="grippers to open")
+        return PhaseOutputs(waiting="grippers to open")
 
 
-class Retract(PhaseLogic):
+class RetractPhase(PhaseLogic):
     """Straight back by odometry, clear of the trolley."""
 
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
         super().__init__(attempt, now_ns)
         self._begin_m: float | None = None
 
-    def step(self, seen: Observed) -> Orders | Verdict:
+    def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """See :class:`PhaseLogic`."""
         limits = self.limits
-        if self.elapsed_s(seen) > 3 * limits.retract_distance_m / limits.retract_speed_m_s:
+        if self.elapsed_s(inputs) > 3 * limits.retract_distance_m / limits.retract_speed_m_s:
             return failed("retract_timeout")
-        if seen.drives is None:
-            return Orders(waiting="drives")
-        odometer_m = self.attempt.odometer_m(seen.drives)
+        if inputs.drives is None:
+            return PhaseOutputs(waiting="drives")
+        odometer_m = self.attempt.odometer_m(inputs.drives)
         if self._begin_m is None:
             self._begin_m = odometer_m
         if self._begin_m - odometer_m >= limits.retract_distance_m:
-            return Verdict("clear")
+            return PhaseResult("clear")
         return straight(-limits.retract_speed_m_s)

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 
 from common.timing import NS_PER_S
 from follower.supervisor.attempt import Attempt
-from follower.supervisor.observed import Observed, Orders, Verdict
+from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs
 
 
 class PhaseLogic(ABC):
@@ -18,14 +18,14 @@ class PhaseLogic(ABC):
         self.began_ns = now_ns
 
     @abstractmethod
-    def step(self, seen: Observed) -> Orders | Verdict:
+    def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """Take one step: what is wanted now, or how the phase ended."""
 
-    def elapsed_s(self, seen: Observed) -> float:
+    def elapsed_s(self, inputs: SupervisorInputs) -> float:
         """Seconds since the phase began."""
-        return (seen.now_ns - self.began_ns) / NS_PER_S
+        return (inputs.now_ns - self.began_ns) / NS_PER_S
 
 
-def failed(cause: str) -> Verdict:
+def failed(cause: str) -> PhaseResult:
     """The docking ends; ``cause`` is a code of :mod:`common.causes`, with a detail after a colon."""
-    return Verdict("failed", cause)
+    return PhaseResult("failed", cause)

@@ -5,21 +5,21 @@ from __future__ import annotations
 from typing import Literal
 
 from common.messages import Drives
-from common.timing import NS_PER_S
-from follower.supervisor.attempt import Attempt, Since, not_enabled
-from follower.supervisor.observed import Observed, Orders, Verdict, straight
+from common.timing import NS_PER_S, HeldFor
+from follower.supervisor.attempt import Attempt, not_enabled
+from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs, straight
 from follower.supervisor.phases.phase import PhaseLogic, failed
 
 Stage = Literal["check", "open", "back", "stand", "close"]
 _STAND_S = 0.5
-_HEALTHY_S = 2.0
-_HELD_S = 0.5
+_HEALTHY_NS = 2 * NS_PER_S
+_HELD_NS = NS_PER_S // 2
 _CHECK_TIMEOUT_S = 5.0
 _SPARE_S = 10.0
 _NEAR_M = 0.02
 
 
-class Staging(PhaseLogic):
+class StagingPhase(PhaseLogic):
     """``check`` → ``open`` the grippers → ``back`` by odometry → ``stand`` → ``close`` on the trolley.
 
     With a trolley in the grippers at the start it is over at once. The way back is straight and measured by the
@@ -30,44 +30,48 @@ class Staging(PhaseLogic):
         super().__init__(attempt, now_ns)
         self._stage: Stage = "check"
         self._stage_ns = now_ns
-        self._healthy, self._still, self._gripped = Since(), Since(), Since()
+        self._healthy, self._gripped = HeldFor(_HEALTHY_NS), HeldFor(_HELD_NS)
+        stand_s = _STAND_S if attempt.retreating else max(_STAND_S, self.limits.trolley_wait_s)
+        self._still = HeldFor(round(stand_s * NS_PER_S))
         self._back_m = 0.0
         self._back_from_m: float | None = None
         self._stood_ns: int | None = None
 
-    def step(self, seen: Observed) -> Orders | Verdict:
+    def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """See :class:`PhaseLogic`."""
         if self._stage == "check":
-            return self._check(seen)
-        drives = seen.drives
+            return self._check(inputs)
+        drives = inputs.drives
         if drives is None or not self.attempt.obeyed(drives):
             # the sequence ends what stays silent; until then nothing moves
-            return self._overdue(seen, self.limits.acquire_timeout_s, f"staging_timeout: {not_enabled(seen.drives)}")
+            return self._overdue(
+                inputs, self.limits.acquire_timeout_s, f"staging_timeout: {not_enabled(inputs.drives)}"
+            )
         if self._stage == "open":
-            return self._open(seen)
+            return self._open(inputs)
         if self._stage == "back":
-            return self._back(seen, drives)
+            return self._back(inputs, drives)
         if self._stage == "stand":
-            return self._stand(seen)
-        return self._close(seen)
+            return self._stand(inputs)
+        return self._close(inputs)
 
-    def _check(self, seen: Observed) -> Orders | Verdict:
+    def _check(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """Nothing is armed before all is well; a retry wants it well for 2 s, and the LEDs in sight."""
         attempt = self.attempt
-        gripped = seen.arms is not None and seen.arms.gripped
+        gripped = inputs.arms is not None and inputs.arms.gripped
         if gripped and not attempt.retreating:
             attempt.grip = "closed"  # it may have been left open by the docking before
-            return Verdict("gripped")
-        lacking = attempt.unwell(seen) or attempt.rolling() or attempt.leader_unready(seen)
+            return PhaseResult("gripped")
+        lacking = attempt.unwell(inputs) or attempt.rolling() or attempt.leader_unready(inputs)
         if attempt.retreating:
-            lacking = lacking or attempt.blind(seen) or ("" if gripped else "trolley not gripped")
+            lacking = lacking or attempt.blind(inputs) or ("" if gripped else "trolley not gripped")
         to_goal_m = attempt.to_goal_m()
         if not lacking and to_goal_m is None:
             lacking = "the Leader was not seen yet"
-        healthy_s = self._healthy.held_s(not lacking, seen.now_ns)
-        if lacking or to_goal_m is None or (attempt.retreating and healthy_s < _HEALTHY_S):
-            wait = Orders(waiting=lacking or "health")
-            return failed(f"staging_timeout: {lacking}") if self.elapsed_s(seen) > _CHECK_TIMEOUT_S else wait
+        healthy = self._healthy.step(inputs.now_ns, not lacking)
+        if lacking or to_goal_m is None or (attempt.retreating and not healthy):
+            wait = PhaseOutputs(waiting=lacking or "health")
+            return failed(f"staging_timeout: {lacking}") if self.elapsed_s(inputs) > _CHECK_TIMEOUT_S else wait
         docking = attempt.config.docking
         self._back_m = docking.staging_distance_m - to_goal_m
         farthest_m = docking.staging_distance_m + docking.trolley_pitch_m + self.limits.push_limit_m
@@ -76,57 +80,60 @@ class Staging(PhaseLogic):
             far = f"{self._back_m:.1f} m back, more than {farthest_m:.1f} m: is it trolley {attempt.trolley}?"
             return failed(f"staging_timeout: {far}")
         attempt.armed = True
-        return self._enter("back" if attempt.retreating else "open", seen)
+        return self._enter("back" if attempt.retreating else "open", inputs)
 
-    def _open(self, seen: Observed) -> Orders | Verdict:
+    def _open(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         self.attempt.grip = "open"
-        if seen.arms is not None and seen.arms.released:
-            return self._enter("back" if self._stood_ns is None else "stand", seen)
-        return self._overdue(seen, self.limits.grip_timeout_s, "release_timeout", "grippers to open")
+        if inputs.arms is not None and inputs.arms.released:
+            return self._enter("back" if self._stood_ns is None else "stand", inputs)
+        return self._overdue(inputs, self.limits.grip_timeout_s, "release_timeout", "grippers to open")
 
-    def _back(self, seen: Observed, drives: Drives) -> Orders | Verdict:
+    def _back(self, inputs: SupervisorInputs, drives: Drives) -> PhaseOutputs | PhaseResult:
         odometer_m = self.attempt.odometer_m(drives)
         if self._back_from_m is None:
             self._back_from_m = odometer_m
         left_m = self._back_m - (self._back_from_m - odometer_m)
         if left_m <= _NEAR_M:
-            return self._enter("stand", seen)
+            return self._enter("stand", inputs)
         speed = self.limits.retract_speed_m_s
-        if self._stage_s(seen) > 1.5 * self._back_m / speed + _SPARE_S:
+        if self._stage_s(inputs) > 1.5 * self._back_m / speed + _SPARE_S:
             return failed("staging_timeout: the way back is not covered")
         return straight(-speed, waiting="staging pose")
 
-    def _stand(self, seen: Observed) -> Orders | Verdict:
+    def _stand(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         if self._stood_ns is None:
-            self._stood_ns = seen.now_ns
-        still_s = self._still.held_s(self.attempt.standstill.holds, seen.now_ns)
+            self._stood_ns = inputs.now_ns
+        stood = self._still.step(inputs.now_ns, self.attempt.standstill.holds)
         if self.attempt.retreating:
-            if still_s < _STAND_S:
-                return Orders(waiting="standstill")
+            if not stood:
+                return PhaseOutputs(waiting="standstill")
             self.attempt.retreating = False
-            return Verdict("gripped")
-        if seen.now_ns - self._stood_ns > self.limits.trolley_timeout_s * NS_PER_S:
+            return PhaseResult("gripped")
+        if inputs.now_ns - self._stood_ns > self.limits.trolley_timeout_s * NS_PER_S:
             return failed("no_trolley")
-        if still_s >= max(_STAND_S, self.limits.trolley_wait_s):
-            return self._enter("close", seen)
-        return Orders(waiting="trolley")
+        if stood:
+            return self._enter("close", inputs)
+        return PhaseOutputs(waiting="trolley")
 
-    def _close(self, seen: Observed) -> Orders | Verdict:
+    def _close(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         self.attempt.grip = "closed"
-        if self._gripped.held_s(seen.arms is not None and seen.arms.gripped, seen.now_ns) >= _HELD_S:
-            return Verdict("gripped")
-        if self._stage_s(seen) > self.limits.grip_timeout_s:
-            return self._enter("open", seen)
-        return Orders(waiting="grip on the trolley")
+        if self._gripped.step(inputs.now_ns, inputs.arms is not None and inputs.arms.gripped):
+            return PhaseResult("gripped")
+        if self._stage_s(inputs) > self.limits.grip_timeout_s:
+            return self._enter("open", inputs)
+        return PhaseOutputs(waiting="grip on the trolley")
 
-    def _enter(self, stage: Stage, seen: Observed) -> Orders:
+    def _enter(self, stage: Stage, inputs: SupervisorInputs) -> PhaseOutputs:
         """The next stage, from the next step on; this one stands."""
-        self._stage, self._stage_ns = stage, seen.now_ns
-        self._still, self._gripped = Since(), Since()
-        return Orders(waiting="staging pose")
+        self._stage, self._stage_ns = stage, inputs.now_ns
+        self._still.reset()
+        self._gripped.reset()
+        return PhaseOutputs(waiting="staging pose")
 
-    def _stage_s(self, seen: Observed) -> float:
-        return (seen.now_ns - self._stage_ns) / NS_PER_S
+    def _stage_s(self, inputs: SupervisorInputs) -> float:
+        return (inputs.now_ns - self._stage_ns) / NS_PER_S
 
-    def _overdue(self, seen: Observed, limit_s: float, cause: str, waiting: str = "drives") -> Orders | Verdict:
-        return failed(cause) if self._stage_s(seen) > limit_s else Orders(waiting=waiting)
+    def _overdue(
+        self, inputs: SupervisorInputs, limit_s: float, cause: str, waiting: str = "drives"
+    ) -> PhaseOutputs | PhaseResult:
+        return failed(cause) if self._stage_s(inputs) > limit_s else PhaseOutputs(waiting=waiting)

@@ -12,12 +12,14 @@ import pytest
 from common.config import Config
 from common.messages import Answer, FollowerSummary, LockRequest, LockState
 from common.timing import NS_PER_S
-from leader.lock import Lock, LockInputs
+from leader.lock import BoltLock, LockInputs
 from tests.rigs.leader_rig import AWAY, HOLDING, MOVING
 
 EVENTS = int(os.environ.get("MACHINE_EVENTS", "100000"))
 WALKS = 8
-OPEN = LockInputs(0.0, False, True, False, True)
+OPEN = LockInputs(
+    actuator_current_a=0.0, guide_lifted=False, beam_seated=True, lock_extended=False, lock_retracted=True
+)
 
 
 def harmless(follower: FollowerSummary | None) -> bool:
@@ -30,7 +32,7 @@ class LockWalk:
 
     def __init__(self, config: Config, seed: int) -> None:
         self.random = random.Random(seed)
-        self.lock = Lock(config.leader, self.random.choice((0, 1, 3, None)))
+        self.lock = BoltLock(config.leader, self.random.choice((0, 1, 3, None)))
         self.now_ns = NS_PER_S
         self.travel = self.random.choice((0.0, 1.0))
         self.seated = True
@@ -70,11 +72,11 @@ class LockWalk:
             self.travel = min(1.0, max(0.0, self.travel + speed * self.lock.direction))
         current = 6.0 if jammed and self.lock.direction else 1.2 * abs(self.lock.direction)
         self.seen = LockInputs(
-            current,
-            False,
-            self.seated,
-            (self.travel >= 1.0 or "extended" in self.broken) and "lost" not in self.broken,
-            (self.travel <= 0.0 or "retracted" in self.broken) and "lost" not in self.broken,
+            actuator_current_a=current,
+            guide_lifted=False,
+            beam_seated=self.seated,
+            lock_extended=(self.travel >= 1.0 or "extended" in self.broken) and "lost" not in self.broken,
+            lock_retracted=(self.travel <= 0.0 or "retracted" in self.broken) and "lost" not in self.broken,
         )
 
     def _ask(self) -> None:

@@ -17,4 +17,4 @@ def test_the_count_is_kept_and_a_file_that_makes_no_sense_is_not_known(tmp_path:
     for spoilt in ("", "{", "[]", content(7).replace("7", "-7"), content(7).replace("queue/1", "queue/9"), "\udcff"):
         path.write_text(spoilt, errors="surrogateescape")
         assert read(path).count is None
-        assert "say the count" in read(path).warning
+        assert "enter the count" in read(path).warning

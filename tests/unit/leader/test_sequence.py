@@ -37,7 +37,7 @@ def test_later_trolleys_are_confirmed_and_counted_once(bench: Bench) -> None:
     assert bench.answer("confirm", trolley=2).outcome == "done"
     assert bench.answer("confirm", trolley=2).outcome == "done"
     assert bench.run(0.1).queue == 2
-    assert bench.answer("confirm", trolley=5).reason == "2 trolleys are counted, not 4"
+    assert bench.answer("confirm", trolley=5).reason == "the queue has 2 trolleys, not 4"
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_a_switch_that_sticks_closed_on_the_way_is_not_a_lock(bench: Bench) -> N
     assert (state.lock, bench.outputs.actuator) == ("fault", 0)
     assert (
         bench.answers[-1].reason
-        == "lock switch closed after 0.22 s, sooner than the bolt can be there; both lock switches closed"
+        == "lock switch closed after 0.22 s, before the bolt can have arrived; both lock switches closed"
     )
     assert "both lock switches" in bench.answer("reset", confirmed=True).reason
 
@@ -123,7 +123,7 @@ def test_switches_that_contradict_the_lock_are_a_fault_after_a_moment(
 
 def test_a_queue_is_let_go_only_with_confirmation(bench: Bench) -> None:
     bench.to_locked(3)
-    assert bench.answer("unlock").reason == "3 trolleys would be let go: that needs a person's confirmation"
+    assert bench.answer("unlock").reason == "3 trolleys would be released: this needs the operator's confirmation"
     bench.ask("unlock", confirmed=True)
     bench.run(0.1, lock_extended=False)
     assert bench.outputs.actuator == -1
@@ -133,7 +133,7 @@ def test_a_queue_is_let_go_only_with_confirmation(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("follower", "named"), [(None, "not heard"), (MOVING, "moves (phase approach)"), (HOLDING, "holds a trolley")]
+    ("follower", "named"), [(None, "no summary"), (MOVING, "is moving (phase approach)"), (HOLDING, "hold a trolley")]
 )
 def test_it_does_not_unlock_while_the_follower_moves_or_holds_or_is_not_heard(
     bench: Bench, follower: FollowerSummary | None, named: str
@@ -168,7 +168,7 @@ def test_out_of_a_fault_a_switch_that_closes_too_soon_is_no_lock(bench: Bench) -
     assert bench.run(0.1).lock == "closing"
     state = bench.run(0.1, lock_extended=True)
     assert (state.lock, bench.outputs.actuator) == ("fault", 0)
-    assert "sooner than the bolt can be there" in state.cause
+    assert "before the bolt can have arrived" in state.cause
 
 
 def test_out_of_a_fault_a_lock_that_closes_again_holds_an_unknown_number(bench: Bench, config: Config) -> None:
@@ -214,9 +214,9 @@ def test_a_request_that_waited_too_long_is_not_carried_out(bench: Bench) -> None
 def test_a_locked_queue_of_unknown_number_asks_a_person(config: Config) -> None:
     bench = Bench(config, queue=None, seen=LOCKED)
     assert bench.run(0.1).queue is None
-    assert "not known" in bench.answer("confirm", trolley=3).reason
+    assert "unknown" in bench.answer("confirm", trolley=3).reason
     assert "confirmation" in bench.answer("count", trolley=2).reason
-    assert "does not fit" in bench.answer("count", trolley=0, confirmed=True).reason
+    assert "contradicts" in bench.answer("count", trolley=0, confirmed=True).reason
     assert bench.answer("count", trolley=2, confirmed=True).outcome == "done"
     assert bench.answer("confirm", trolley=3).outcome == "done"
 
@@ -251,7 +251,7 @@ def test_leds_are_on_unasked_and_a_dead_one_is_named(bench: Bench) -> None:
 def test_leds_take_the_current_that_is_asked_and_refuse_too_much(bench: Bench) -> None:
     assert set_leds(bench, 0.5, led=1).outcome == "done"
     assert bench.outputs.led_current_a == (1.0, 0.5, 1.0, 1.0)
-    assert "more than" in set_leds(bench, 2.0).reason
+    assert "exceeds" in set_leds(bench, 2.0).reason
     assert "no LED 7" in set_leds(bench, 0.5, led=7).reason
     assert set_leds(bench, 0.0, led=3).outcome == "done"
     state = bench.run(1.0, led_current_a=(1.0, 0.5, 1.0, 0.0))

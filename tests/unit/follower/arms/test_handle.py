@@ -13,7 +13,7 @@ from common.messages import Drives
 from common.timing import NS_PER_MS
 from experiments.contact.handle_bench import resting_mission
 from follower.arms.handle import HandleHold
-from follower.arms.impedance import PostureSense, handle_force
+from follower.arms.posture import PostureTracker, handle_force
 from tests.rigs.arms_rig import EMPTY, GRIPPED, OPEN, holding_angles
 from tests.rigs.supervisor_rig import DRIVES
 
@@ -64,7 +64,7 @@ def test_nothing_jumps_when_the_drives_begin_to_obey(config: Config) -> None:
 
 def test_the_push_follows_the_measured_resistance_and_the_commanded_direction(config: Config) -> None:
     hold, mission = HandleHold(config.arms, config.base), resting_mission(config)
-    posture = PostureSense(config.arms).posture(holding_angles(config), 0)
+    posture = PostureTracker(config.arms).posture(holding_angles(config), 0)
     torque = tuple(float(t) for jacobian in posture.jacobians for t in jacobian.T @ np.array([6.0, 0.0, 0.0]))
 
     def pushed(first_ms: int, speed_m_s: float) -> float:

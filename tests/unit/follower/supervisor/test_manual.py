@@ -18,7 +18,7 @@ from common.messages import (
     seal_command,
 )
 from common.timing import NS_PER_S
-from follower.supervisor.manual import ManualMode, ManualSeen, ManualStep
+from follower.supervisor.manual import ManualInputs, ManualMode, ManualOutputs
 from tests.rigs.supervisor_rig import ARMS, Bench
 from tests.rigs.supervisor_rig import DRIVES as DISARMED
 
@@ -32,9 +32,9 @@ class Hand:
         docking = Bench(config)
         self.idle = docking.step().mission
         self.mode = ManualMode(config, run_id=77)
-        self.seen = ManualSeen(NS_PER_S, "idle", DISARMED, ARMS, None)
+        self.seen = ManualInputs(now_ns=NS_PER_S, phase="idle", drives=DISARMED, arms=ARMS, command=None)
 
-    def step(self, **changes: Any) -> ManualStep:
+    def step(self, **changes: Any) -> ManualOutputs:
         self.seen = replace(self.seen, now_ns=self.seen.now_ns + STEP_NS, **changes)
         step = self.mode.step(self.seen)
         self.seen = replace(self.seen, requests=(), dock_requests=())

@@ -11,7 +11,7 @@ import pytest
 from common.config import Config
 from common.messages import DockRequest
 from common.timing import NS_PER_S
-from follower.supervisor.observed import Observed
+from follower.supervisor.interface import SupervisorInputs
 from follower.supervisor.transitions import ENDED, TABLE
 from tests.rigs.docking_walk import STEP_NS, DockingWalk
 
@@ -34,7 +34,9 @@ def ends_by_itself(walk: DockingWalk, silent: bool) -> None:
     sequence = copy.deepcopy(walk.sequence)
     seen = replace(walk.seen, requests=(), lock_answers=(), restarted="", unfit="")
     if silent:
-        seen = Observed(seen.now_ns, None, None, None, None, False)
+        seen = SupervisorInputs(
+            now_ns=seen.now_ns, state=None, drives=None, arms=None, leader=None, controller_alive=False
+        )
     for _ in range(20 * 900):
         seen = replace(seen, now_ns=seen.now_ns + STEP_NS)
         sequence.step(seen)

@@ -14,8 +14,8 @@ from common.geometry import Array, Pose2, features_at
 from common.messages import DockRequest
 from common.node import NodeContext
 from common.timing import NS_PER_S, SteppedClock
+from follower.supervisor.interface import SupervisorInputs
 from follower.supervisor.node import SupervisorNode
-from follower.supervisor.observed import Observed
 from follower.supervisor.sequence import DockingSequence
 from follower.supervisor.taught import Taught, calibration_hash, save, taught_images
 
@@ -50,7 +50,9 @@ def test_the_mission_carries_the_taught_image_and_an_untaught_docking_is_refused
     assert taught is not None
     assert set(taught) == {1, 3}
     sequence = DockingSequence(config, 1000, taught)
-    seen = Observed(NOW_NS, None, None, None, None, False, requests=(request(2),))
+    seen = SupervisorInputs(
+        now_ns=NOW_NS, state=None, drives=None, arms=None, leader=None, controller_alive=False, requests=(request(2),)
+    )
     refused = sequence.step(seen)
     assert refused.answers[0].outcome == "refused"
     assert "docking 2 is not taught" in refused.answers[0].reason

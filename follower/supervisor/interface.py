@@ -21,8 +21,8 @@ from follower.supervisor.transitions import Event
 Grip = Literal["open", "closed"]
 
 
-@dataclass(frozen=True)
-class Observed:
+@dataclass(frozen=True, kw_only=True)
+class SupervisorInputs:
     """One step's observations; None is what is missing or too old.
 
     ``restarted`` names a process that began a new run since the last step, or is empty; ``unfit`` says why no new
@@ -41,8 +41,8 @@ class Observed:
     unfit: str = ""
 
 
-@dataclass(frozen=True)
-class Orders:
+@dataclass(frozen=True, kw_only=True)
+class PhaseOutputs:
     """What a phase wants now: motion of the base, its caps, grippers, and at most one request to the Leader.
 
     ``waiting`` names what it waits for; empty while nothing keeps it from going on.
@@ -59,15 +59,15 @@ class Orders:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class PhaseResult:
     """A phase is over: the event that ends it, and its cause if it is one to be named."""
 
     event: Event
     cause: str = ""
 
 
-@dataclass(frozen=True)
-class Decided:
+@dataclass(frozen=True, kw_only=True)
+class SupervisorOutputs:
     """What the supervisor wants: the mission, what others may know, answers, at most one request to the Leader."""
 
     mission: Mission
@@ -76,10 +76,10 @@ class Decided:
     lock_request: LockRequest | None = None
 
 
-def straight(speed_m_s: float, contact_expected: bool = False, waiting: str = "") -> Orders:
+def straight(speed_m_s: float, contact_expected: bool = False, waiting: str = "") -> PhaseOutputs:
     """Straight ahead, or back for a negative speed."""
-    return Orders(
-        "straight",
+    return PhaseOutputs(
+        motion="straight",
         straight_speed_m_s=speed_m_s,
         v_max_m_s=abs(speed_m_s),
         contact_expected=contact_expected,
@@ -87,6 +87,6 @@ def straight(speed_m_s: float, contact_expected: bool = False, waiting: str = ""
     )
 
 
-def turning(rate_rad_s: float) -> Orders:
+def turning(rate_rad_s: float) -> PhaseOutputs:
     """In place, to the left for a positive rate."""
-    return Orders("turn", turn_rate_rad_s=rate_rad_s, w_max_rad_s=abs(rate_rad_s), waiting="LEDs")
+    return PhaseOutputs(motion="turn", turn_rate_rad_s=rate_rad_s, w_max_rad_s=abs(rate_rad_s), waiting="LEDs")
