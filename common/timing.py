@@ -76,3 +76,52 @@ class Schedule:
             late = (now_ns - self.deadline_ns) // self.period_ns + 1
             self.missed += late
             self.deadline_ns += late * self.period_ns
+
+
+class HeldFor:
+    """Debouncer: switches on once a condition has held for ``duration_ns`` without a break. Time is an argument.
+
+    Args:
+        duration_ns: how long the condition has to hold; the time counts from the first step at which it holds.
+        strictly: on only after more than ``duration_ns``; otherwise from exactly ``duration_ns`` on.
+    """
+
+    def __init__(self, duration_ns: int = 0, *, strictly: bool = False) -> None:
+        self._needed_ns = duration_ns + 1 if strictly else duration_ns
+        self._since_ns: int | None = None
+        self._held_ns = 0
+        self.on = False
+
+    @property
+    def holding(self) -> bool:
+        """Whether the condition held at the last step, for however short a time."""
+        return self._since_ns is not None
+
+    @property
+    def held_s(self) -> float:
+        """For how long it had held at the last step [s]; 0 if it did not."""
+        return self._held_ns / NS_PER_S
+
+    def step(self, now_ns: int, holds: bool, *, stays: bool = False) -> bool:
+        """Take the condition of this step.
+
+        Args:
+            now_ns: time of the step, never before that of the last one.
+            holds: whether the condition holds now.
+            stays: release hysteresis: once on, it stays on while this is true even if the condition does not hold.
+
+        Returns:
+            Whether it is on.
+        """
+        if not holds:
+            self._since_ns = None
+        elif self._since_ns is None:
+            self._since_ns = now_ns
+        self._held_ns = 0 if self._since_ns is None else now_ns - self._since_ns
+        long_enough = holds and self._held_ns >= self._needed_ns
+        self.on = long_enough or (self.on and (holds or stays))
+        return self.on
+
+    def reset(self) -> None:
+        """Switch off, and count from the next step at which the condition holds."""
+        self._since_ns, self._held_ns, self.on = None, 0, False
