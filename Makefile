@@ -45,9 +45,10 @@ cover: $(READY) ## Branch coverage of the gate by its own tests: anything below 
 	  $(addprefix --cov=follower.can_bridge.,gate wheel_watch arm_gate) \
 	  tests/unit/follower/can_bridge/test_gate.py tests/unit/follower/can_bridge/test_wheel_watch.py tests/unit/follower/can_bridge/test_arm_gate.py
 
-mutate: cover ## The same, then a mutation test of the gate: its tests must notice every change
+mutate: cover ## The same, then a mutation test of the gate and its ceilings: their tests must notice every change
 	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/gate.py tests/unit/follower/can_bridge/test_gate.py
 	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/wheel_watch.py tests/unit/follower/can_bridge/test_wheel_watch.py
+	@$(VENV)/bin/python -m tests.mutation.mutate common/ceilings.py tests/unit/common/test_ceilings.py
 
 prove: $(READY) ## A million random steps of the gate, mutated CAN frames, events of both state machines
 	@GATE_STEPS=1000000 FUZZ_FRAMES=1000000 MACHINE_EVENTS=1000000 $(VENV)/bin/python -m pytest -q --timeout 1200 tests/unit/follower/can_bridge/test_gate_properties.py tests/unit/follower/can_bridge/test_inbound_fuzz.py tests/unit/follower/supervisor/test_machine_properties.py

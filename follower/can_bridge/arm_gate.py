@@ -13,13 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from common.ceilings import HARD_GRIP_TORQUE_N_M, HARD_JOINT_TORQUE_N_M, HARD_LIFT_M
 from common.config import DriveConfig, FollowerCanConfig
 from common.messages import ArmSetpoint
 from common.timing import NS_PER_MS, NS_PER_S
 
-HARD_JOINT_TORQUE_N_M: Final = 25.0
-HARD_GRIP_TORQUE_N_M: Final = 6.0
-HARD_LIFT_M: Final = 1.0
 MAX_JOINT_SPEED_RAD_S: Final = 1.5
 MAX_GRIP_SPEED_RAD_S: Final = 4.0
 MAX_JOINT_STEP_RAD: Final = 0.2

@@ -9,6 +9,7 @@ from typing import Literal
 
 from common.canopen.cia402 import (
     CHANGE_AT_ONCE,
+    FAULT_RESET,
     NEW_SETPOINT,
     START_HOMING,
     STATUS_HOMING_ATTAINED,
@@ -152,7 +153,7 @@ class Axis:
         A speed or a position counts in operation only, a torque from the first controlword that leads there: a drive
         ignores it until then. None leaves a position drive where it is, and is zero for the others.
         """
-        word = 0x0080 if reset else controlword(self.state, target, self.holds_in_quick_stop)
+        word = FAULT_RESET if reset else controlword(self.state, target, self.holds_in_quick_stop)
         running = self.state is DriveState.ENABLED and target is Target.ENABLED
         wanted = setpoint if running and setpoint is not None else 0.0
         if self.mode is Mode.HOMING:

@@ -32,7 +32,6 @@ from follower.can_bridge.inbound import Inbound
 from follower.can_bridge.measurement import DriveSetpoint, Measurement
 from follower.can_bridge.robot_axes import make_axes, make_homing_axes
 
-_HEARTBEAT_MS = 100
 _ANSWER_NS = NS_PER_MS // 2
 # a master's heartbeat comes every 10 ms; a simulated bus tells a newcomer nothing for 50 ms
 _ALONE_S = 0.1
@@ -177,12 +176,12 @@ class DriveBus:
         bus.send(nmt_frame(NMT_PRE_OPERATIONAL))
         io = CanopenNode(bus, config.io_node_id, self._inbound.io.name, self._io_eds)
         io.check_identity()
-        io.supervise(_HEARTBEAT_MS, config.master_node_id, config.watchdog_ms)
+        io.supervise(config.master_node_id, config.watchdog_ms)
         io.map_transmit_pdo(1, [(0x6000, 1, 8), (0x6401, 1, 16)])
         for axis in self.axes:
             node = CanopenNode(bus, axis.node_id, axis.name, self._eds)
             node.check_identity(axis.config.serial)
-            node.supervise(_HEARTBEAT_MS, config.master_node_id, config.watchdog_ms)
+            node.supervise(config.master_node_id, config.watchdog_ms)
             axis.configure(node)
         bus.receive()
         bus.send(nmt_frame(NMT_START))

@@ -12,19 +12,23 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
+from common.ceilings import (
+    HARD_ACCELERATION_M_S2,
+    HARD_ANGULAR_ACCELERATION_RAD_S2,
+    HARD_V_MAX_M_S,
+    HARD_V_MIN_M_S,
+    HARD_W_MAX_RAD_S,
+    PHASE_CAPS,
+    STILL,
+)
 from common.config import BaseConfig, LimitsConfig
 from common.messages import Command, Phase, command_checksum
 from common.timing import NS_PER_MS, NS_PER_S
+from follower.can_bridge.measurement import STATUS_MAX_AGE_MS
 from follower.can_bridge.wheel_watch import RimWatch
 
-HARD_V_MAX_M_S: Final = 0.6
-HARD_V_MIN_M_S: Final = -0.2
-HARD_W_MAX_RAD_S: Final = 0.8
-HARD_ACCELERATION_M_S2: Final = 0.6
-HARD_ANGULAR_ACCELERATION_RAD_S2: Final = 2.5
 COMMAND_MAX_AGE_MS: Final = 120
 TOKEN_MAX_AGE_MS: Final = 200
-STATUS_MAX_AGE_MS: Final = 50
 WINDOW_MS: Final = 250
 WINDOW_ENTRIES: Final = 128
 MAX_STEP_MS: Final = 20
@@ -33,33 +37,6 @@ MAX_RIM_GAP_SHARE: Final = 0.20
 MAX_MEASURED_JUMP_M_S: Final = 0.30
 MAX_MEASURED_STEP_M: Final = 0.05
 """Of a rim between two measurements, at most 50 ms apart: at its cap it rolls 0.03 m meanwhile."""
-
-
-@dataclass(frozen=True)
-class PhaseCap:
-    """Most that a phase may do: speed and turning rate of {F}, rim speed of either wheel."""
-
-    v_m_s: float
-    w_rad_s: float
-    wheel_m_s: float
-
-
-_STILL: Final = PhaseCap(0.0, 0.0, 0.0)
-PHASE_CAPS: Final[dict[Phase, PhaseCap]] = {
-    "idle": _STILL,
-    "staging": PhaseCap(0.10, 0.30, 0.15),
-    "search": PhaseCap(0.0, 0.30, 0.08),
-    "acquire": PhaseCap(0.10, 0.30, 0.15),
-    "approach": PhaseCap(0.60, 0.80, 0.60),
-    "insert": PhaseCap(0.05, 0.20, 0.08),
-    "push": PhaseCap(0.05, 0.20, 0.08),
-    "lock": PhaseCap(0.05, 0.10, 0.06),
-    "release": _STILL,
-    "retract": PhaseCap(0.10, 0.30, 0.15),
-    "manual": PhaseCap(0.10, 0.30, 0.15),
-    "done": _STILL,
-    "aborted": _STILL,
-}
 LATCHING: Final = frozenset({"second_writer"})
 """Reasons to drop a command that stop the wheels until the next epoch; so do the rules measured_*."""
 
@@ -295,7 +272,7 @@ class Gate:
 
     def _cap_scale(self, v: float, w: float, token: ArmToken) -> float:
         """The factor ≤ 1 that brings v, ω and both rims within what configuration, phase and mission allow."""
-        cap = PHASE_CAPS.get(token.phase, _STILL)
+        cap = PHASE_CAPS.get(token.phase, STILL)
         return min(
             _share(max(v, 0.0), min(self._v_max, cap.v_m_s, token.v_max_m_s)),
             _share(min(v, 0.0), min(-self._v_min, cap.v_m_s, token.v_max_m_s)),

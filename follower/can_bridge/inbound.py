@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 from common.canopen.cia402 import DriveState
 from common.canopen.frames import EMCY, HEARTBEAT, HEARTBEAT_LOST, STATE_BOOT_UP, TPDO, CanFrame, decode_emergency
+from common.config import BATTERY_V_PER_COUNT
 from common.timing import NS_PER_MS
 from follower.can_bridge.axes import OUTSTANDING, Axis
+from follower.can_bridge.measurement import STATUS_MAX_AGE_MS
 
-STATUS_MAX_AGE_MS = 50.0
-BATTERY_V_PER_COUNT = 0.01
 MALFORMED_LIMIT = 3
-MALFORMED_WINDOW_MS = 1000.0
+MALFORMED_WINDOW_MS = 1000
 _EMERGENCIES_KEPT = 8
 
 

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 from common.canopen.cia402 import DriveState
 from common.causes import BAD_FRAMES, NODE_SILENT
+
+STATUS_MAX_AGE_MS: Final = 50
+"""What a drive or the I/O module reported longer ago says nothing about now (docs/safety.md S21)."""
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from common.canopen.cia402 import Mode
+from common.ceilings import HARD_WHEEL_SPEED_M_S
 from common.config import BaseConfig, FollowerCanConfig
 from follower.can_bridge.axes import Axis, Parameter
 
-HARD_WHEEL_SPEED_M_S = 0.6
 _ARM_NAMES = (
     *((side, f"joint {n}") for side in ("left", "right") for n in (1, 2, 3)),
     ("left", "gripper"),

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Protocol
 
 from common.canopen.cia402 import DriveState
+from common.ceilings import HARD_WHEEL_SPEED_M_S
 from common.config import Config
 from common.timing import NS_PER_MS, NS_PER_S
 from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.measurement import DriveSetpoint, Measurement
-from follower.can_bridge.robot_axes import HARD_WHEEL_SPEED_M_S
 
 RIM_SPEED_M_S = 0.1
 BEYOND_M_S = 1.0
