@@ -42,12 +42,12 @@ lint: $(READY) ## Format, lint, types, import rules
 
 cover: $(READY) ## Branch coverage of the gate by its own tests: anything below 100 % fails
 	@$(VENV)/bin/python -m pytest -q --cov-branch --cov-fail-under=100 --cov-report=term-missing \
-	  $(addprefix --cov=follower.can_bridge.,gate wheel_watch arm_gate) \
-	  tests/unit/follower/can_bridge/test_gate.py tests/unit/follower/can_bridge/test_wheel_watch.py tests/unit/follower/can_bridge/test_arm_gate.py
+	  $(addprefix --cov=follower.can_bridge.,gate wheel_tracking arm_gate) \
+	  tests/unit/follower/can_bridge/test_gate.py tests/unit/follower/can_bridge/test_wheel_tracking.py tests/unit/follower/can_bridge/test_arm_gate.py
 
 mutate: cover ## The same, then a mutation test of the gate and its ceilings: their tests must notice every change
 	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/gate.py tests/unit/follower/can_bridge/test_gate.py
-	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/wheel_watch.py tests/unit/follower/can_bridge/test_wheel_watch.py
+	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/wheel_tracking.py tests/unit/follower/can_bridge/test_wheel_tracking.py
 	@$(VENV)/bin/python -m tests.mutation.mutate common/ceilings.py tests/unit/common/test_ceilings.py
 
 prove: $(READY) ## A million random steps of the gate, mutated CAN frames, events of both state machines

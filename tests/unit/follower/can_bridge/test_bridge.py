@@ -12,25 +12,47 @@ from common.config import Config
 from common.messages import ArmSetpoint, Command, Header, Mission, seal_command
 from common.node import Received
 from common.timing import NS_PER_MS, NS_PER_S
-from follower.can_bridge.bridge import Bridge, Heard
+from follower.can_bridge.bridge import Bridge, BridgeInputs
 from follower.can_bridge.gate import StampedCommand
-from follower.can_bridge.measurement import DriveSetpoint, Measurement
+from follower.can_bridge.measurement import BusMeasurement, DriveSetpoint
 from tests.unit.follower.supervisor.test_sequence import Bench
 
 BOOT = "boot"
-HEALTHY = Measurement(
-    0, 0, (0.0, 0.0), (0.0, 0.0), (0.0,) * 6, (0.0,) * 6, (0.0, 0.0), (0.0, 0.0), 0.2, True, True, True, 25.0,
-    (DriveState.ENABLED,) * 11, True, True, True, (), 0, 0,
-)  # fmt: skip
+HEALTHY = BusMeasurement(
+    now_ns=0,
+    measured_ns=0,
+    wheel_speed_rad_s=(0.0, 0.0),
+    wheel_angle_rad=(0.0, 0.0),
+    joint_torque_n_m=(0.0,) * 6,
+    joint_angle_rad=(0.0,) * 6,
+    grip_torque_n_m=(0.0, 0.0),
+    grip_angle_rad=(0.0, 0.0),
+    lift_m=0.2,
+    inputs_fresh=True,
+    estop_clear=True,
+    protective_clear=True,
+    battery_v=25.0,
+    states=(DriveState.ENABLED,) * 11,
+    wheels_enabled=True,
+    arms_enabled=True,
+    bus_ok=True,
+    faults=(),
+    malformed=0,
+    unknown=0,
+)
 
 
 class Rig:
-    """A bridge, and a mission and measurement that stay fresh while time goes on."""
+    """A bridge, and a mission and measurement that stay fresh while time goes on.
+
+    ``rolling``: speeds of the wheels [rad/s], by which their angles grow.
+    """
 
     def __init__(self, config: Config, mission: Mission) -> None:
         self.bridge = Bridge(config, BOOT)
         self.mission = mission
         self.measured = HEALTHY
+        self.rolling = (0.0, 0.0)
         self.now_ns = NS_PER_S
         self.power: list[str | None] = []
         self.commanded = self.arms_lag = False
@@ -43,25 +65,38 @@ class Rig:
             self.now_ns += 10 * NS_PER_MS
             header = Header("x", 1, 1, self.now_ns, BOOT)
             arms = ArmSetpoint(self.mission.epoch - self.arms_lag, (0.0,) * 6, (0.0, 0.0), 0.2)
-            heard = Heard(
-                self.now_ns,
-                self._command(),
-                Received(self.mission, replace(header, stamp_ns=self.token_ns or self.now_ns), self.now_ns),
-                Received(arms, header, self.now_ns),
+            inputs = BridgeInputs(
+                now_ns=self.now_ns,
+                command=self._command(),
+                mission=Received(self.mission, replace(header, stamp_ns=self.token_ns or self.now_ns), self.now_ns),
+                arms=Received(arms, header, self.now_ns),
             )
-            self.measured = replace(self.measured, now_ns=self.now_ns, measured_ns=self.now_ns)
-            orders = self.bridge.step(heard, self.measured)
-            self.power.append(orders.power)
-            self.setpoint = orders.setpoint
+            self._measure()
+            outputs = self.bridge.step(inputs, self.measured)
+            self.power.append(outputs.power)
+            self.setpoint = outputs.setpoint
         return self.bridge.state
+
+    def roll(self, left_rad_s: float, right_rad_s: float) -> None:
+        """From now on the wheels roll at these speeds."""
+        self.rolling = (left_rad_s, right_rad_s)
+        self.measured = replace(self.measured, wheel_speed_rad_s=self.rolling)
+
+    def _measure(self) -> None:
+        left, right = (
+            angle + speed / 100 for angle, speed in zip(self.measured.wheel_angle_rad, self.rolling, strict=True)
+        )
+        self.measured = replace(
+            self.measured, now_ns=self.now_ns, measured_ns=self.now_ns, wheel_angle_rad=(left, right)
+        )
 
     def _command(self) -> StampedCommand | None:
         """To go at ``v_m_s``, once it is ``commanded``."""
         if not self.commanded:
             return None
         sequence, until_ns = self.now_ns // (10 * NS_PER_MS), self.now_ns + 100 * NS_PER_MS
-        told = Command(self.v_m_s, 0.0, self.mission.epoch, sequence, self.now_ns, until_ns, 1, self.now_ns)
-        return StampedCommand(seal_command(told), 1, BOOT)
+        command = Command(self.v_m_s, 0.0, self.mission.epoch, sequence, self.now_ns, until_ns, 1, self.now_ns)
+        return StampedCommand(command=seal_command(command), run_id=1, boot_id=BOOT)
 
 
 @pytest.fixture
@@ -114,7 +149,7 @@ def test_an_encoder_whose_angle_jumps_stops_and_disarms(rig: Rig, angles: dict[s
     assert rig.run(2) == "armed"
 
 
-def test_arms_are_not_enabled_before_somebody_leads_them_under_the_new_epoch(rig: Rig) -> None:
+def test_arms_are_not_enabled_before_their_first_setpoint_under_the_new_epoch(rig: Rig) -> None:
     rig.mission = replace(rig.mission, armed=False)
     assert rig.run(2) == "disarmed"
     rig.mission = replace(rig.mission, armed=True, epoch=rig.mission.epoch + 1)
@@ -177,17 +212,17 @@ def test_a_restarted_bridge_refuses_the_epoch_that_it_finds_armed(config: Config
 
 
 def test_after_a_stall_of_the_bridge_a_new_epoch_waits_until_the_latch_is_released(rig: Rig) -> None:
-    rig.measured = replace(rig.measured, stalled="bridge: stood still for 99 ms", wheels_enabled=False)
-    rolling = replace(rig.measured, wheel_speed_rad_s=(2.0, 2.0))
-    rig.measured = rolling
+    rig.measured = replace(rig.measured, stalled="bridge: stalled for 99 ms", wheels_enabled=False)
+    rig.roll(2.0, 2.0)
     assert rig.run(10) == "stopped"
     assert rig.bridge.cause == "bridge_stalled"
     rig.mission = replace(rig.mission, epoch=rig.mission.epoch + 1)
     rig.power.clear()
-    assert rig.run(20) == "enabling"
+    assert rig.run(100) == "enabling"
+    rig.roll(0.0, 0.0)
+    assert rig.run(65) == "enabling"
     assert set(rig.power) == {"stop_arms"}
-    rig.measured = replace(rig.measured, wheel_speed_rad_s=(0.0, 0.0))
-    assert rig.run(52) == "enabling"
+    assert rig.run(10) == "enabling"
     assert rig.power[-1] == "disable"
     assert "enable" not in rig.power
     rig.measured = replace(rig.measured, stalled="")
@@ -198,7 +233,7 @@ def test_after_a_stall_of_the_bridge_a_new_epoch_waits_until_the_latch_is_releas
 
 
 def test_a_stall_stops_the_epoch_in_which_it_came_for_good(rig: Rig) -> None:
-    rig.measured = replace(rig.measured, stalled="bridge: stood still for 99 ms")
+    rig.measured = replace(rig.measured, stalled="bridge: stalled for 99 ms")
     assert rig.run(3) == "stopped"
     rig.measured = replace(rig.measured, stalled="")
     assert rig.run(60) == "stopped"
@@ -225,9 +260,33 @@ def test_faults_are_acknowledged_once_on_request_and_only_disarmed(rig: Rig) -> 
 
 
 def test_disarmed_it_disables_after_half_a_second_of_standstill(rig: Rig) -> None:
+    rig.run(20)
     rig.mission = replace(rig.mission, armed=False)
     rig.power.clear()
-    rig.run(30)
+    rig.run(50)
     assert "disable" not in rig.power
-    rig.run(30)
+    rig.run()
+    assert rig.power[-1] == "disable"
+
+
+@pytest.mark.parametrize("speeds", [(2.0, 2.0), (-0.1, 0.1)])
+def test_it_does_not_disable_while_it_drives_or_turns_on_the_spot(rig: Rig, speeds: tuple[float, float]) -> None:
+    rig.mission = replace(rig.mission, armed=False)
+    rig.roll(*speeds)
+    rig.run(200)
+    assert "disable" not in rig.power
+    rig.roll(0.0, 0.0)
+    rig.run(50)
+    assert "disable" not in rig.power
+    rig.run(22)
+    assert rig.power[-1] == "disable"
+
+
+def test_wheels_whose_speed_reads_noise_at_rest_stand(rig: Rig) -> None:
+    rig.run(20)
+    rig.mission = replace(rig.mission, armed=False)
+    for n in range(51):
+        noise = 0.2 if n % 2 else -0.2
+        rig.measured = replace(rig.measured, wheel_speed_rad_s=(noise, noise))
+        rig.run()
     assert rig.power[-1] == "disable"

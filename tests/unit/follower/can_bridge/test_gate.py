@@ -35,16 +35,33 @@ def command(v: float = 0.3, w: float = 0.0, sequence: int = 1, stamp_ns: int = T
 
 
 def stamped(sealed: Command, run_id: int = 5, boot_id: str = BOOT) -> StampedCommand:
-    return StampedCommand(sealed, run_id, boot_id)
+    return StampedCommand(command=sealed, run_id=run_id, boot_id=boot_id)
 
 
 def token(stamp_ns: int = T0, **changes: Any) -> ArmToken:
-    return replace(ArmToken(True, stamp_ns, BOOT, 7, "approach", 0.5, 0.6), **changes)
+    return replace(
+        ArmToken(
+            armed=True, stamp_ns=stamp_ns, boot_id=BOOT, epoch=7, phase="approach", v_max_m_s=0.5, w_max_rad_s=0.6
+        ),
+        **changes,
+    )
 
 
-def wheels(v: float, now_ns: int, w: float = 0.0, enabled: bool = True) -> WheelStatus:
+def wheels(v: float, now_ns: int, w: float = 0.0, drives_enabled: bool = True) -> WheelStatus:
     turn = w * TRACK / 2
-    return WheelStatus(now_ns, (v - turn) / RADIUS, (v + turn) / RADIUS, enabled, 0.0, 0.0)
+    return surfaces(v - turn, v + turn, now_ns, drives_enabled)
+
+
+def surfaces(left_m_s: float, right_m_s: float, now_ns: int, drives_enabled: bool = True) -> WheelStatus:
+    """Measured surface speeds, at angle 0."""
+    return WheelStatus(
+        measured_ns=now_ns,
+        left_rad_s=left_m_s / RADIUS,
+        right_rad_s=right_m_s / RADIUS,
+        left_rad=0.0,
+        right_rad=0.0,
+        drives_enabled=drives_enabled,
+    )
 
 
 class Bench:
@@ -118,9 +135,9 @@ def test_both_grow_together() -> None:
 @pytest.mark.parametrize(
     ("rule", "given"),
     [
-        ("stop_input", {"inputs": StopInputs(False, True, True)}),
-        ("stop_input", {"inputs": StopInputs(True, False, True)}),
-        ("stop_input", {"inputs": StopInputs(True, True, False)}),
+        ("stop_input", {"inputs": StopInputs(fresh=False, estop_clear=True, protective_clear=True)}),
+        ("stop_input", {"inputs": StopInputs(fresh=True, estop_clear=False, protective_clear=True)}),
+        ("stop_input", {"inputs": StopInputs(fresh=True, estop_clear=True, protective_clear=False)}),
         ("not_armed", {"token": None}),
         ("not_armed", {"token": token(armed=False)}),
         ("not_armed", {"token": token(boot_id="other")}),
@@ -129,11 +146,23 @@ def test_both_grow_together() -> None:
         ("token_caps", {"token": token(T0 + 1000 * MS, v_max_m_s=-0.1)}),
         ("token_caps", {"token": token(T0 + 1000 * MS, w_max_rad_s=-0.1)}),
         ("status_age", {"status": wheels(0.3, -1)}),
-        ("not_enabled", {"status": wheels(0.3, T0 + 1000 * MS, enabled=False)}),
-        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, math.nan, 3.5, True, 0.0, 0.0)}),
-        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, math.inf, True, 0.0, 0.0)}),
-        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, 3.5, True, math.nan, 0.0)}),
-        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, 3.5, True, 0.0, -math.inf)}),
+        ("not_enabled", {"status": wheels(0.3, T0 + 1000 * MS, drives_enabled=False)}),
+        (
+            "measured_jump",
+            {"status": replace(wheels(0.3, T0 + 1000 * MS), left_rad_s=math.nan)},
+        ),
+        (
+            "measured_jump",
+            {"status": replace(wheels(0.3, T0 + 1000 * MS), right_rad_s=math.inf)},
+        ),
+        (
+            "measured_jump",
+            {"status": replace(wheels(0.3, T0 + 1000 * MS), left_rad=math.nan)},
+        ),
+        (
+            "measured_jump",
+            {"status": replace(wheels(0.3, T0 + 1000 * MS), right_rad=-math.inf)},
+        ),
     ],
 )
 def test_stops_at_once(rule: str, given: dict[str, Any]) -> None:
@@ -252,7 +281,7 @@ def test_the_same_command_again_is_not_a_new_one() -> None:
         assert (decision.dropped, decision.rule, decision.sequence) == ("", "", 4)
 
 
-def test_the_first_sequence_may_be_zero_and_each_epoch_counts_anew() -> None:
+def test_the_first_sequence_may_be_zero_and_each_epoch_counts_again() -> None:
     bench = Bench()
     assert bench.step(stamped(command(0.3, sequence=0, stamp_ns=bench.now_ns))).sequence == 0
     bench.step(stamped(command(0.3, sequence=50, stamp_ns=bench.now_ns)))
@@ -299,7 +328,10 @@ def test_latches_until_the_next_epoch(rule: str) -> None:
 
 def test_a_jump_before_the_first_mission_latches_until_it() -> None:
     bench = Bench(epoch=1)
-    before = bench.step(token=None, status=WheelStatus(T0, math.nan, 0.0, True, 0.0, 0.0))
+    before = bench.step(
+        token=None,
+        status=replace(wheels(0.0, T0), left_rad_s=math.nan),
+    )
     assert (before.rule, before.sequence) == ("not_armed", -1)
     assert bench.step(stamped(command(sequence=0, stamp_ns=bench.now_ns, epoch=1))).rule == ""
 
@@ -307,16 +339,16 @@ def test_a_jump_before_the_first_mission_latches_until_it() -> None:
 def test_a_jump_under_a_stop_input_is_not_forgotten() -> None:
     bench = Bench()
     bench.drive(0.3)
-    pressed = StopInputs(True, False, True)
+    pressed = StopInputs(fresh=True, estop_clear=False, protective_clear=True)
     assert bench.step(inputs=pressed, status=wheels(-0.1, bench.now_ns)).rule == "stop_input"
     assert bench.order(0.3).rule == "measured_jump"
 
 
-def test_the_first_latched_rule_is_the_one_that_is_told() -> None:
+def test_the_first_latched_rule_is_the_one_that_is_reported() -> None:
     bench = Bench()
     bench.drive(0.3)
     bench.step(stamped(command(sequence=500, stamp_ns=bench.now_ns), run_id=6))
-    bench.step(status=WheelStatus(bench.now_ns, math.nan, 0.0, True, 0.0, 0.0))
+    bench.step(status=replace(wheels(0.0, bench.now_ns), left_rad_s=math.nan))
     bench.step()
     assert bench.step().rule == "second_writer"
 
@@ -327,9 +359,9 @@ def test_the_first_latched_rule_is_the_one_that_is_told() -> None:
 def test_an_encoder_jump_stops_it(beyond: float, side: int, direction: float) -> None:
     bench = Bench()
     bench.drive(0.2)
-    rims = [0.2, 0.2]
-    rims[side] += direction * (0.30 + beyond)
-    decision = bench.step(status=WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True, 0.0, 0.0))
+    speeds = [0.2, 0.2]
+    speeds[side] += direction * (0.30 + beyond)
+    decision = bench.step(status=surfaces(speeds[0], speeds[1], bench.now_ns))
     assert (decision.rule == "measured_jump") == (beyond > 0)
 
 
@@ -349,7 +381,7 @@ def test_an_angle_that_jumps_stops_it_however_steady_the_speed(beyond: float, si
 
 @pytest.mark.parametrize("beyond", [False, True])
 @pytest.mark.parametrize(("field", "bound"), [("left_rad_s", 0.30), ("right_rad", 0.05)])
-def test_a_jump_of_exactly_the_bound_is_borne(field: str, bound: float, beyond: bool) -> None:
+def test_a_jump_of_exactly_the_bound_is_accepted(field: str, bound: float, beyond: bool) -> None:
     gate = Gate(LIMITS, BASE, BOOT)
     gate.step(T0, None, token(T0), wheels(0.0, T0), CLEAR)
     step = bound / RADIUS
@@ -395,10 +427,14 @@ def test_wheels_that_do_not_follow_stop_it(v: float, w: float, side: int, beyond
     bench = Bench(replace_limits(w_max_rad_s=0.8), w_max_rad_s=0.8)
     bench.drive(v, w)
     turn = w * TRACK / 2
-    rims = [v - turn, v + turn]
-    set_rim = rims[side]
-    rims[side] -= math.copysign(0.15 + 0.2 * abs(set_rim) + beyond, set_rim)
-    decision = bench.order(v, w, status=WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True, 0.0, 0.0))
+    speeds = [v - turn, v + turn]
+    set_m_s = speeds[side]
+    speeds[side] -= math.copysign(0.15 + 0.2 * abs(set_m_s) + beyond, set_m_s)
+    decision = bench.order(
+        v,
+        w,
+        status=surfaces(speeds[0], speeds[1], bench.now_ns),
+    )
     assert (decision.rule == "measured_gap") == (beyond > 0)
 
 
@@ -408,17 +444,17 @@ def test_wheels_that_do_not_follow_stop_it(v: float, w: float, side: int, beyond
 def test_a_wheel_that_hardly_rolls_at_docking_speed_stops_it_after_300_ms(side: int, v: float, share: float) -> None:
     bench = Bench()
     bench.drive(v)
-    rims = [v, v]
-    rims[side] = share * v
+    speeds = [v, v]
+    speeds[side] = share * v
     found, began_ns = [], bench.now_ns
     for _ in range(40):
-        status = WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True, 0.0, 0.0)
+        status = surfaces(speeds[0], speeds[1], bench.now_ns)
         found.append((bench.now_ns - began_ns, bench.order(v, status=status).rule))
     stopped = [after_ns for after_ns, rule in found if rule]
     assert stopped[:1] == ([] if share > 0.25 else [310 * MS])
 
 
-def test_time_during_which_a_wheel_is_told_nothing_does_not_count() -> None:
+def test_time_without_a_setpoint_for_a_wheel_does_not_count() -> None:
     bench = Bench()
     for v in (0.1, 0.0, -0.1, 0.0) * 4:
         for _ in range(28):
@@ -471,7 +507,7 @@ def replace_limits(**changes: float) -> LimitsConfig:
         (0.5, -0.6, {}, (0.5 * 0.6 / 0.65, -0.6 * 0.6 / 0.65)),
     ],
 )
-def test_caps_of_configuration_mission_and_rim(
+def test_caps_of_configuration_mission_and_wheels(
     v: float, w: float, cap: dict[str, Any], expected: tuple[float, float]
 ) -> None:
     decision = Bench(**cap).drive(v, w, steps=300)
@@ -514,7 +550,7 @@ def test_configuration_lowers_the_caps() -> None:
     assert turning.order(0.0, 0.3).w_rad_s == pytest.approx(0.005)
 
 
-def test_a_gap_of_exactly_the_bound_is_borne() -> None:
+def test_a_gap_of_exactly_the_bound_is_accepted() -> None:
     assert not _beyond(0.5, 0.25)
     assert not _beyond(-0.5, -0.25)
     assert not _beyond(0.0, -9.0)
@@ -530,15 +566,15 @@ def test_each_phase_is_held_to_its_cap(phase: Phase) -> None:
     both = Bench(wide, **loose).drive(cap.v_m_s, cap.w_rad_s, steps=200)
     back = Bench(replace_limits(v_min_m_s=-0.2, w_max_rad_s=0.8), **loose).drive(-0.05, cap.w_rad_s, steps=200)
     assert abs(back.v_m_s) + abs(back.w_rad_s) * TRACK / 2 <= cap.wheel_m_s + 1e-9
-    rim = abs(both.v_m_s) + abs(both.w_rad_s) * TRACK / 2
-    assert rim == pytest.approx(min(cap.wheel_m_s, cap.v_m_s + cap.w_rad_s * TRACK / 2))
+    wheel_m_s = abs(both.v_m_s) + abs(both.w_rad_s) * TRACK / 2
+    assert wheel_m_s == pytest.approx(min(cap.wheel_m_s, cap.v_m_s + cap.w_rad_s * TRACK / 2))
 
 
 def test_an_unknown_phase_stands_still() -> None:
     assert Bench(phase="party").drive(0.3).v_m_s == 0.0
 
 
-def test_a_stall_earns_no_larger_step() -> None:
+def test_a_stall_allows_no_larger_step() -> None:
     bench = Bench()
     bench.order(0.3)
     bench.order(0.3, period_ms=15.0)
@@ -546,7 +582,7 @@ def test_a_stall_earns_no_larger_step() -> None:
     assert bench.order(0.3).v_m_s == pytest.approx(0.0125 + 0.01)
 
 
-def test_a_clock_that_goes_back_earns_no_step() -> None:
+def test_a_clock_that_goes_back_allows_no_step() -> None:
     bench = Bench()
     bench.order(0.3)
     before = bench.order(0.3, period_ms=-1.0)
@@ -557,7 +593,7 @@ def test_a_clock_that_goes_back_earns_no_step() -> None:
     ("v", "w", "reach"), [(0.5, 0.0, 0.125), (-0.1, 0.0, 0.06), (0.0, 0.6, 0.5), (0.0, -0.6, 0.5)]
 )
 def test_the_window_holds_when_time_itself_is_wrong(v: float, w: float, reach: float) -> None:
-    """A clock that swings to and fro earns rate for nothing; 250 real ms earn no more than they should."""
+    """A clock that swings to and fro gains rate for nothing; 250 real ms allow no more than they should."""
     limits = replace_limits(gate_acceleration_m_s2=0.24) if v < 0 else LIMITS
     bench = Bench(limits)
     clipped: set[str] = set()
