@@ -54,7 +54,6 @@ class Bridge:
 
     def __init__(self, config: Config, boot_id: str) -> None:
         self._config = config
-        self._boot_id = boot_id
         self._gate = Gate(config.limits, config.base, boot_id)
         self._arm_gate = ArmGate(config.follower_can, boot_id)
         self._stopped_epoch = -1
@@ -71,7 +70,15 @@ class Bridge:
         self.intervened: tuple[str, ...] = ()
 
     def step(self, inputs: BridgeInputs, measured: BusMeasurement) -> BridgeOutputs:
-        """Decide from the newest messages and the last exchange."""
+        """Decide from the newest messages and the last exchange.
+
+        Args:
+            inputs: the newest messages.
+            measured: what the bus reported at the last exchange.
+
+        Returns:
+            Set-points and power request of the exchange that follows.
+        """
         mission = inputs.mission.message if inputs.mission is not None else None
         if self.state == "starting" and mission is not None and mission.armed:
             # armed under an earlier run of this process: not to be resumed

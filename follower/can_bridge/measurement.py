@@ -10,7 +10,7 @@ from common.canopen.cia402 import DriveState
 from common.causes import BAD_FRAMES, NODE_SILENT
 
 STATUS_MAX_AGE_MS: Final = 50
-"""What a drive or the I/O module reported longer ago says nothing about now (docs/safety.md S21)."""
+"""Age from which a drive or the I/O module counts as silent, and its last report as unknown (docs/safety.md S21)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Shadow: everything runs, nothing moves. The drives are never enabled; the gate judges as if they obeyed.
+"""Shadow: everything runs, nothing moves. The drives are never enabled; the gate decides as if they followed.
 
 Pure. The published measurement stays the real one; only the bridge's own decisions are based on drives that are in
 operation and wheels whose speeds follow the withheld set-points with the drives' ramp.

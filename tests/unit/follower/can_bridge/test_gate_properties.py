@@ -61,38 +61,38 @@ steps = st.lists(
 def test_no_sequence_of_inputs_moves_the_wheels_against_the_rules(given_steps: list[dict[str, object]]) -> None:
     gate, now_ns, last_v, last_w = _under_way()
     for step in given_steps:
-        said: dict[str, object] = step
-        after_ms = _int(said["after_ms"])
+        given_step: dict[str, object] = step
+        after_ms = _int(given_step["after_ms"])
         now_ns += after_ms * MS
-        stamp = now_ns - _int(said["command_age_ms"]) * MS
+        stamp = now_ns - _int(given_step["command_age_ms"]) * MS
         command = seal_command(
             Command(
-                _float(said["v"]),
-                _float(said["w"]),
-                _int(said["command_epoch"]),
-                _int(said["sequence"]),
+                _float(given_step["v"]),
+                _float(given_step["w"]),
+                _int(given_step["command_epoch"]),
+                _int(given_step["sequence"]),
                 stamp,
                 stamp + 120 * MS,
                 1,
                 stamp,
             )
         )
-        cap = _float(said["cap"])
-        token_ns = now_ns - _int(said["token_age_ms"]) * MS
-        phase: Phase = next(known for known in PHASES if known == said["phase"])
+        cap = _float(given_step["cap"])
+        token_ns = now_ns - _int(given_step["token_age_ms"]) * MS
+        phase: Phase = next(known for known in PHASES if known == given_step["phase"])
         token = ArmToken(
-            armed=bool(said["armed"]),
+            armed=bool(given_step["armed"]),
             stamp_ns=token_ns,
             boot_id=BOOT,
-            epoch=_int(said["token_epoch"]),
+            epoch=_int(given_step["token_epoch"]),
             phase=phase,
             v_max_m_s=cap,
             w_max_rad_s=cap,
         )
-        surfaces_m_s = (last_v, last_v) if said["follow"] else said["surfaces_m_s"]
+        surfaces_m_s = (last_v, last_v) if given_step["follow"] else given_step["surfaces_m_s"]
         assert isinstance(surfaces_m_s, tuple)
         radius = BASE.wheel_radius_m
-        status_ns = now_ns - _int(said["status_age_ms"]) * MS
+        status_ns = now_ns - _int(given_step["status_age_ms"]) * MS
         status = WheelStatus(
             measured_ns=status_ns,
             left_rad_s=surfaces_m_s[0] / radius,
@@ -101,11 +101,11 @@ def test_no_sequence_of_inputs_moves_the_wheels_against_the_rules(given_steps: l
             left_rad=0.0,
             right_rad=0.0,
         )
-        inputs = said["inputs"]
+        inputs = given_step["inputs"]
         assert isinstance(inputs, tuple)
         decision = gate.step(
             now_ns,
-            StampedCommand(command=command, run_id=_int(said["run_id"]), boot_id=BOOT),
+            StampedCommand(command=command, run_id=_int(given_step["run_id"]), boot_id=BOOT),
             token,
             status,
             StopInputs(fresh=inputs[0], estop_clear=inputs[1], protective_clear=inputs[2]),
