@@ -44,12 +44,13 @@ lint: $(READY) ## Format, lint, types, import rules
 
 cover: $(READY) ## Branch coverage of the gate by its own tests: anything below 100 % fails
 	@$(VENV)/bin/python -m pytest -q --cov-branch --cov-fail-under=100 --cov-report=term-missing \
-	  $(addprefix --cov=follower.can_bridge.,gate wheel_watch arm_gate) \
-	  $(GATE_TESTS) $(BRIDGE_TESTS)/test_wheel_watch.py $(BRIDGE_TESTS)/test_arm_gate.py
+	  $(addprefix --cov=follower.can_bridge.,gate wheel_tracking arm_gate) \
+	  $(GATE_TESTS) $(BRIDGE_TESTS)/test_wheel_tracking.py $(BRIDGE_TESTS)/test_arm_gate.py
 
-mutate: cover ## The same, then a mutation test of the gate: its tests must notice every change
+mutate: cover ## The same, then a mutation test of the gate and its ceilings
 	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/gate.py $(GATE_TESTS)
-	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/wheel_watch.py $(BRIDGE_TESTS)/test_wheel_watch.py
+	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/wheel_tracking.py $(BRIDGE_TESTS)/test_wheel_tracking.py
+	@$(VENV)/bin/python -m tests.mutation.mutate common/ceilings.py tests/unit/common/test_ceilings.py
 
 prove: $(READY) ## A million random steps of the gate, mutated CAN frames, events of both state machines
 	@GATE_STEPS=1000000 FUZZ_FRAMES=1000000 MACHINE_EVENTS=1000000 $(VENV)/bin/python -m pytest -q --timeout 1200 \

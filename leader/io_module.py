@@ -26,9 +26,8 @@ from common.errors import ConfigError
 from common.timing import NS_PER_MS
 
 MAX_LEDS = 4
-STATUS_MAX_AGE_MS = 100.0
+INPUTS_MAX_AGE_MS = 100
 _MILLI = 1000.0
-_HEARTBEAT_MS = 100
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +136,7 @@ class LeaderIo:
         node = CanopenNode(bus, node_id, "leader I/O", self._eds)
         bus.send(nmt_frame(NMT_PRE_OPERATIONAL, node_id))
         node.check_identity()
-        node.supervise(_HEARTBEAT_MS, self._config.master_node_id, self._config.watchdog_ms)
+        node.supervise(self._config.master_node_id, self._config.watchdog_ms)
         node.write(0x6206, 1, 0xFF)
         node.write(0x6207, 1, 0)
         for channel in range(1, MAX_LEDS + 1):
@@ -161,7 +160,7 @@ class LeaderIo:
 
     def _inputs(self, now_ns: int) -> ModuleReading:
         bits = self._digital
-        fresh = self._measured_ns >= 0 and now_ns - self._measured_ns <= STATUS_MAX_AGE_MS * NS_PER_MS
+        fresh = self._measured_ns >= 0 and now_ns - self._measured_ns <= INPUTS_MAX_AGE_MS * NS_PER_MS
         return ModuleReading(
             fresh=fresh,
             led_current_a=tuple(value / _MILLI for value in self._currents[: self._leds]),

@@ -27,6 +27,8 @@ from common.errors import ConfigError, DeviceError
 
 SDO_TIMEOUT_S = 0.3
 SYNCHRONOUS = 1
+HEARTBEAT_MS = 100
+"""Period of every node's own heartbeat (1017h)."""
 _FOREIGN_FRAMES = 2000
 
 MappedObject = tuple[int, int, int]
@@ -130,13 +132,13 @@ class CanopenNode:
         if serial:
             self.expect(0x1018, 4, serial, "serial number")
 
-    def supervise(self, producer_ms: int, master_id: int, watchdog_ms: int) -> None:
+    def supervise(self, master_id: int, watchdog_ms: int) -> None:
         """Heartbeats both ways: 1017h, 1016h; 1029h keeps the node operational when ours is missing.
 
         Raises:
             DeviceError: see :meth:`write`.
         """
-        self.write(0x1017, 0, producer_ms)
+        self.write(0x1017, 0, HEARTBEAT_MS)
         self.write(0x1016, 1, consumer_heartbeat(master_id, watchdog_ms))
         self.write(0x1029, 1, 1)
 

@@ -1,7 +1,14 @@
 """Configuration of a pair of robots: strict models, one TOML file, errors that name the file and the key."""
 
 from common.config.arms import ArmsConfig, Degrees
-from common.config.can import BusConfig, DriveConfig, FollowerCanConfig, HomingConfig, LeaderCanConfig
+from common.config.can import (
+    BATTERY_V_PER_COUNT,
+    BusConfig,
+    DriveConfig,
+    FollowerCanConfig,
+    HomingConfig,
+    LeaderCanConfig,
+)
 from common.config.control import BaseConfig, CompensationConfig, ControllerConfig, LimitsConfig, RealtimeConfig
 from common.config.docking import DockingConfig, SupervisorConfig
 from common.config.leader import LeaderConfig
@@ -20,6 +27,7 @@ from common.config.robots import Config
 from common.config.section import NonNegative, Pair, Positive, Section, Xyz
 
 __all__ = [
+    "BATTERY_V_PER_COUNT",
     "DEFAULT_NAMESPACE",
     "ArmsConfig",
     "BaseConfig",

@@ -7,7 +7,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from common.ceilings import HARD_LIFT_M
 from common.config.section import Positive, Section
+
+BATTERY_V_PER_COUNT = 0.01
+"""Scale of analogue input 1 of the Follower's I/O module: battery voltage."""
 
 
 class HomingConfig(Section):
@@ -69,7 +73,9 @@ class FollowerCanConfig(Section):
     watchdog_ms: Annotated[int, Field(ge=20, le=80)]
     wheel_ramp_m_s2: Annotated[float, Field(gt=0, le=1.0, description="the drives' own: 6083h to 6085h")]
     lift_lead_m: Annotated[Positive, Field(description="lift per turn of the lead screw")]
-    lift_max_m: Annotated[float, Field(gt=0, le=1.0, description="travel of the lift: it is never told more")] = 1.0
+    lift_max_m: Annotated[
+        float, Field(gt=0, le=HARD_LIFT_M, description="travel of the lift: it is never commanded beyond it")
+    ] = HARD_LIFT_M
     lift_speed_m_s: Annotated[float, Field(gt=0, le=0.1)]
     lift_acceleration_m_s2: Annotated[float, Field(gt=0, le=1.0)]
 

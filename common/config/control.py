@@ -6,6 +6,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from common.ceilings import (
+    HARD_ACCELERATION_M_S2,
+    HARD_ANGULAR_ACCELERATION_RAD_S2,
+    HARD_V_MAX_M_S,
+    HARD_V_MIN_M_S,
+    HARD_W_MAX_RAD_S,
+)
 from common.config.section import NonNegative, Pair, Positive, Section
 
 
@@ -58,13 +65,13 @@ class ControllerConfig(Section):
 class LimitsConfig(Section):
     """What the Follower may do: bounds of the controller and, above them, of the gate."""
 
-    v_min_m_s: Annotated[float, Field(le=0, ge=-0.2)]
-    v_max_m_s: Annotated[float, Field(gt=0, le=0.6)]
-    w_max_rad_s: Annotated[float, Field(gt=0, le=0.8)]
+    v_min_m_s: Annotated[float, Field(le=0, ge=HARD_V_MIN_M_S)]
+    v_max_m_s: Annotated[float, Field(gt=0, le=HARD_V_MAX_M_S)]
+    w_max_rad_s: Annotated[float, Field(gt=0, le=HARD_W_MAX_RAD_S)]
     controller_dv_m_s: Positive
     controller_dw_rad_s: Positive
-    gate_acceleration_m_s2: Annotated[float, Field(gt=0, le=0.6)]
-    gate_angular_acceleration_rad_s2: Annotated[float, Field(gt=0, le=2.5)]
+    gate_acceleration_m_s2: Annotated[float, Field(gt=0, le=HARD_ACCELERATION_M_S2)]
+    gate_angular_acceleration_rad_s2: Annotated[float, Field(gt=0, le=HARD_ANGULAR_ACCELERATION_RAD_S2)]
 
 
 class BaseConfig(Section):

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from common.ceilings import PHASE_CAPS
 from common.config.section import Positive, Section
 from common.geometry import Pose2
 
@@ -35,17 +36,17 @@ class DockingConfig(Section):
 class SupervisorConfig(Section):
     """Phases of a docking: speeds, distances and how long each may take."""
 
-    approach_speed_m_s: Annotated[float, Field(gt=0, le=0.6)]
+    approach_speed_m_s: Annotated[float, Field(gt=0, le=PHASE_CAPS["approach"].v_m_s)]
     last_metre_speed_m_s: Annotated[float, Field(gt=0, le=0.2)]
-    insert_speed_m_s: Annotated[float, Field(gt=0, le=0.05)]
-    push_speed_m_s: Annotated[float, Field(gt=0, le=0.05)]
+    insert_speed_m_s: Annotated[float, Field(gt=0, le=PHASE_CAPS["insert"].v_m_s)]
+    push_speed_m_s: Annotated[float, Field(gt=0, le=PHASE_CAPS["push"].v_m_s)]
     push_limit_m: Positive
-    retract_speed_m_s: Annotated[float, Field(gt=0, le=0.1)]
+    retract_speed_m_s: Annotated[float, Field(gt=0, le=PHASE_CAPS["retract"].v_m_s)]
     retract_distance_m: Positive
-    manual_speed_m_s: Annotated[float, Field(gt=0, le=0.1, description="most that a person may ask for by hand")] = (
-        0.10
-    )
-    manual_turn_rad_s: Annotated[float, Field(gt=0, le=0.3)] = 0.30
+    manual_speed_m_s: Annotated[
+        float, Field(gt=0, le=PHASE_CAPS["manual"].v_m_s, description="most that a person may ask for by hand")
+    ] = 0.10
+    manual_turn_rad_s: Annotated[float, Field(gt=0, le=PHASE_CAPS["manual"].w_rad_s)] = 0.30
     acquire_timeout_s: Positive
     approach_timeout_s: Positive
     lost_timeout_s: Positive
@@ -56,7 +57,7 @@ class SupervisorConfig(Section):
     grip_timeout_s: Positive
     trolley_timeout_s: Positive
     search_turn_deg: Annotated[float, Field(gt=0, le=45, description="to each side")]
-    search_rate_rad_s: Annotated[float, Field(gt=0, le=0.3)]
+    search_rate_rad_s: Annotated[float, Field(gt=0, le=PHASE_CAPS["search"].w_rad_s)]
     search_clearance_m: Annotated[float, Field(ge=0.3, description="to the goal, for turning with a trolley")]
     reduced_speed_m_s: Annotated[float, Field(gt=0, le=0.1, description="while a LED is missing")]
     reduced_sigma_m: Annotated[float, Field(gt=0, le=0.05, description="of e_y at the goal, with the LEDs left")]

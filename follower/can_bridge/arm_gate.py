@@ -1,9 +1,9 @@
-"""The arms' part of the gate: what of the arms' set-points reaches joints, grippers and lift (SAFETY.md layer 2).
+"""The arms' part of the gate: what of the arms' set-points reaches joints, grippers and lift.
 
-Pure, as :mod:`follower.can_bridge.gate`. A set-point is followed for 100 ms; torques are capped by constants and by
-what each drive may give; a joint that moves too fast is not pushed further, and one whose angle jumps has an encoder
-that cannot be trusted (SAFETY.md, row 22). Without a genuine set-point the rule
-says so, and the caller holds the arms: they never let go of what they hold.
+docs/safety.md, layer 2. Pure, as :mod:`follower.can_bridge.gate`. A set-point is followed for 100 ms; torques are
+capped by constants and by the limit of each drive; a joint that moves too fast is not pushed further, and one whose
+angle jumps has an encoder that cannot be trusted (S22). Without a genuine set-point the decision names the rule, and
+the caller holds the arms: they never release what they hold.
 """
 
 from __future__ import annotations
@@ -13,31 +13,29 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from common.ceilings import HARD_GRIP_TORQUE_N_M, HARD_JOINT_TORQUE_N_M, HARD_LIFT_M
 from common.config import DriveConfig, FollowerCanConfig
 from common.messages import ArmSetpoint
 from common.timing import NS_PER_MS, NS_PER_S
 
-HARD_JOINT_TORQUE_N_M: Final = 25.0
-HARD_GRIP_TORQUE_N_M: Final = 6.0
-HARD_LIFT_M: Final = 1.0
 MAX_JOINT_SPEED_RAD_S: Final = 1.5
 MAX_GRIP_SPEED_RAD_S: Final = 4.0
 MAX_JOINT_STEP_RAD: Final = 0.2
 STEP_MAX_AGE_MS: Final = 50
-"""An angle that changes by more than that step within this time jumped: no collision throws a joint so far."""
+"""An angle that changes by more than MAX_JOINT_STEP_RAD within this time jumped: no collision is that fast."""
 SETPOINT_MAX_AGE_MS: Final = 100
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StampedArms:
-    """A set-point and what its envelope says."""
+    """A set-point with its envelope's stamp and boot."""
 
     setpoint: ArmSetpoint
     stamp_ns: int
     boot_id: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ArmMeasurement:
     """Angles of six joints and two grippers [rad], measured at ``measured_ns``."""
 
@@ -45,22 +43,22 @@ class ArmMeasurement:
     angles_rad: tuple[float, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ArmDecision:
-    """Torques [N·m] and lift [m] for the drives; no lift means that it stays.
+    """Torques [N·m] and height of the lift [m] for the drives; without a height the lift stays.
 
-    ``rule`` names why nothing is passed on, or ""; ``clipped`` names what was reduced.
+    ``rule`` names why nothing is passed on, or is ""; ``clipped`` names what was reduced.
     """
 
-    joint_torque_n_m: tuple[float, ...]
-    grip_torque_n_m: tuple[float, float]
-    lift_m: float | None
-    rule: str
-    clipped: tuple[str, ...]
+    joint_torque_n_m: tuple[float, ...] = (0.0,) * 6
+    grip_torque_n_m: tuple[float, float] = (0.0, 0.0)
+    lift_m: float | None = None
+    rule: str = ""
+    clipped: tuple[str, ...] = ()
 
 
 class ArmGate:
-    """Holds the last measurement, from which the speeds come."""
+    """Keeps the last measurement, from which the speeds are derived."""
 
     def __init__(self, config: FollowerCanConfig, boot_id: str) -> None:
         caps = [_cap(drive, HARD_JOINT_TORQUE_N_M) for drive in config.joints]
@@ -78,14 +76,17 @@ class ArmGate:
 
         Args:
             now_ns: CLOCK_MONOTONIC of this boot.
-            newest: the newest set-point that arrived; None if none ever did.
+            newest: the newest set-point that arrived; None before the first.
             epoch: the armed epoch.
             measured: the newest angles.
+
+        Returns:
+            What the drives get, or why they get nothing.
         """
         self._speeds = self._measure(measured)
         rule = self._refusal(now_ns, newest, epoch)
         if rule or newest is None:
-            return ArmDecision((0.0,) * 6, (0.0, 0.0), None, rule, ())
+            return ArmDecision(rule=rule)
         wanted = (*newest.setpoint.joint_torque_n_m, *newest.setpoint.grip_torque_n_m)
         clipped: list[str] = []
         capped = tuple(max(-cap, min(cap, torque)) for torque, cap in zip(wanted, self._torque_caps, strict=True))
@@ -95,21 +96,26 @@ class ArmGate:
         if slowed != capped:
             clipped.append("arm_speed")
         lift_m = max(0.0, min(self._lift_max_m, newest.setpoint.lift_m))
-        return ArmDecision(slowed[:6], (slowed[6], slowed[7]), lift_m, "", tuple(clipped))
+        return ArmDecision(
+            joint_torque_n_m=slowed[:6],
+            grip_torque_n_m=(slowed[6], slowed[7]),
+            lift_m=lift_m,
+            clipped=tuple(clipped),
+        )
 
     def _refusal(self, now_ns: int, newest: StampedArms | None, epoch: int) -> str:
         if newest is None or newest.boot_id != self._boot_id:
             return "arm_setpoint_age"
         if not 0 <= now_ns - newest.stamp_ns <= SETPOINT_MAX_AGE_MS * NS_PER_MS:
             return "arm_setpoint_age"
-        told = newest.setpoint
-        if not all(map(math.isfinite, (*told.joint_torque_n_m, *told.grip_torque_n_m, told.lift_m))):
+        setpoint = newest.setpoint
+        if not all(map(math.isfinite, (*setpoint.joint_torque_n_m, *setpoint.grip_torque_n_m, setpoint.lift_m))):
             return "arm_not_finite"
         if not all(map(math.isfinite, self._speeds)):
             return "arm_not_measured"
         if self._jumped:
             return "arm_jump"
-        return "arm_epoch" if told.epoch != epoch else ""
+        return "arm_epoch" if setpoint.epoch != epoch else ""
 
     def _measure(self, measured: ArmMeasurement) -> tuple[float, ...]:
         """Speeds between the last two measurements, and whether a joint jumped; kept while there is no new one."""
@@ -125,7 +131,7 @@ class ArmGate:
         return tuple(step * NS_PER_S / elapsed_ns for step in steps)
 
     def _slow(self, torques: Sequence[float]) -> tuple[float, ...]:
-        """Nothing that would push a joint on in the direction in which it is too fast already; braking is free."""
+        """No torque in the direction in which a joint is too fast already; braking is free."""
         return tuple(
             0.0 if abs(speed) > limit and torque * speed > 0.0 else torque
             for torque, speed, limit in zip(torques, self._speeds, self._speed_caps, strict=True)
@@ -133,5 +139,5 @@ class ArmGate:
 
 
 def _cap(drive: DriveConfig, hard_n_m: float) -> float:
-    """What the drive may give at the output shaft, at most the constant."""
+    """The drive's limit at the output shaft, at most the constant."""
     return min(hard_n_m, drive.rated_torque_n_m * drive.gear_ratio * drive.max_torque_permille / 1000.0)

@@ -1,4 +1,4 @@
-"""What the bridge knows of each drive: its parameters, its PDOs, its scale, and what it last said (CiA 402)."""
+"""One drive as the bridge sees it: its parameters, PDOs and scale, and what it last reported (CiA 402)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Literal
 
 from common.canopen.cia402 import (
     CHANGE_AT_ONCE,
+    FAULT_RESET,
     NEW_SETPOINT,
     START_HOMING,
     STATUS_HOMING_ATTAINED,
@@ -39,7 +40,7 @@ _QUICK_STOP_THEN_OFF = 2
 _QUICK_STOP_AND_HOLD = 6
 _ABORT_BY_QUICK_STOP = 3
 _INT32 = 1 << 32
-# answers that may be under way: as many cycles as the drives wait before their watchdogs stop them
+# most answers that can be due: as many cycles as the drives wait before their watchdogs stop them
 OUTSTANDING = 8
 
 
@@ -47,7 +48,7 @@ OUTSTANDING = 8
 class Axis:
     """One drive. Values are at the output shaft: rad, or metres for the lift, by ``units_per_turn``.
 
-    ``answered`` counts what came of each TPDO since the last SYNC, against ``expected``: more is a replay.
+    ``expected`` counts, for each TPDO, the answers to SYNC that are still due: one that is not due is a replay.
     """
 
     name: str
@@ -86,17 +87,17 @@ class Axis:
 
     @property
     def zero_counts(self) -> int:
-        """What the encoder counts at the axis' zero: absolute, or counted from the home."""
+        """Encoder counts at the axis' zero: absolute, or counted from the home position."""
         homing = self.config.homing
         return self.config.zero_counts if homing is None else -round(homing.position * self.counts_per_unit)
 
     @property
     def holds_in_quick_stop(self) -> bool:
-        """Arms keep their position when stopped, so that nothing is let go; wheels go free once they stand."""
+        """Arms keep their position when stopped, so that nothing is released; wheels go free once they stand."""
         return self.group == "arms"
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Objects to write at bring-up: SAFETY.md layer 1, then mode and ramps."""
+        """Objects to write at bring-up: docs/safety.md, layer 1, then mode and ramps."""
         return (
             (0x6007, 0, _ABORT_BY_QUICK_STOP),
             (0x605A, 0, _QUICK_STOP_AND_HOLD if self.holds_in_quick_stop else _QUICK_STOP_THEN_OFF),
@@ -106,7 +107,7 @@ class Axis:
         )
 
     def restart(self) -> None:
-        """Forget what an earlier connection said."""
+        """Forget what an earlier connection reported."""
         self.state, self.statusword, self.status_ns = DriveState.UNKNOWN, 0, -1
         self.was_enabled = False
         self.emergencies.clear()
@@ -117,7 +118,7 @@ class Axis:
         """Write parameters and PDO mappings, read the state.
 
         Raises:
-            DeviceError: the node refuses, keeps another value or is silent; or it does not know where it is.
+            DeviceError: the node refuses, keeps another value or is silent; or the axis is not homed.
         """
         if self.config.homing is not None and self.mode is not Mode.HOMING:
             self._check_homed(node)
@@ -129,11 +130,11 @@ class Axis:
             node.map_transmit_pdo(number, objects)
         target = self._target_object()
         node.map_receive_pdo(1, (CONTROLWORD, target) if target is not None else (CONTROLWORD,))
-        self._see(node.read(0x6041))
-        self._see_position(node.read(0x6064))
+        self._set_status(node.read(0x6041))
+        self._set_position(node.read(0x6064))
 
     def _check_homed(self, node: CanopenNode) -> None:
-        """In mode 6 the statusword tells whether home was found since the drive was switched on."""
+        """In mode 6 the statusword shows whether home was found since the drive was switched on."""
         node.write(0x6060, 0, int(Mode.HOMING))
         if not node.read(0x6041) & STATUS_HOMING_ATTAINED:
             raise DeviceError(f"node {self.node_id} ({self.name}): not homed: run davpc can home, with the arms free")
@@ -149,17 +150,22 @@ class Axis:
     def command(self, target: Target, setpoint: float | None, reset: bool) -> CanFrame:
         """RPDO: the controlword of the next transition, and the set-point [rad/s, N·m or m].
 
-        A speed or a position counts in operation only, a torque from the first controlword that leads there: a drive
-        ignores it until then. None leaves a position drive where it is, and is zero for the others.
+        A speed or a position is sent in operation only, a torque from the first controlword that leads there: a drive
+        ignores it until then.
+
+        Args:
+            target: where the drive shall go.
+            setpoint: in operation; None leaves a position drive where it is, and is zero for the others.
+            reset: send fault reset in place of the next transition.
         """
-        word = 0x0080 if reset else controlword(self.state, target, self.holds_in_quick_stop)
+        word = FAULT_RESET if reset else controlword(self.state, target, self.holds_in_quick_stop)
         running = self.state is DriveState.ENABLED and target is Target.ENABLED
         wanted = setpoint if running and setpoint is not None else 0.0
         if self.mode is Mode.HOMING:
             data = struct.pack("<H", word | START_HOMING if running else word)
         elif self.mode is Mode.PROFILE_TORQUE:
             limit = self.config.max_torque_permille
-            # with the controlword that enables: a gripper whose first torque came a frame later would let go
+            # with the controlword that enables: a gripper whose first torque came a frame later would open
             torque = setpoint if target is Target.ENABLED and setpoint is not None else 0.0
             data = struct.pack("<Hh", word, max(-limit, min(limit, round(torque * self.permille_per_n_m))))
         elif self.mode is Mode.PROFILE_VELOCITY:
@@ -168,27 +174,27 @@ class Axis:
             data = self._position_command(word, setpoint if running else None)
         return CanFrame(RPDO[0] + self.node_id, data)
 
-    def take(self, pdo: int, data: bytes, stamp_ns: int) -> bool:
-        """A TPDO (0 or 1) of this drive, sampled at ``stamp_ns``; false when it cannot be genuine."""
+    def handle_pdo(self, pdo: int, data: bytes, stamp_ns: int) -> bool:
+        """Take a TPDO (0 or 1) of this drive, sampled at ``stamp_ns``; false when it cannot be genuine."""
         if len(data) != _LENGTHS[self.mode][pdo] or self.expected[pdo] <= 0:
             return False
         self.expected[pdo] -= 1
         if pdo == 1:
-            self._see_position(struct.unpack("<i", data)[0])
+            self._set_position(struct.unpack("<i", data)[0])
         elif self.mode is Mode.PROFILE_VELOCITY:
             status, velocity, torque = struct.unpack("<Hih", data)
             self.velocity = velocity / self.counts_per_unit
             self.torque_n_m = torque / self.permille_per_n_m
-            self._see(status)
+            self._set_status(status)
         elif self.mode is Mode.PROFILE_TORQUE:
             status, position, torque = struct.unpack("<Hih", data)
             self.torque_n_m = torque / self.permille_per_n_m
-            self._see_position(position)
-            self._see(status)
+            self._set_position(position)
+            self._set_status(status)
         else:
             status, position = struct.unpack("<Hi", data)
-            self._see_position(position)
-            self._see(status)
+            self._set_position(position)
+            self._set_status(status)
         if pdo == 0:
             self.status_ns = stamp_ns
         return True
@@ -197,12 +203,12 @@ class Axis:
         """A SYNC went out: one more answer to each TPDO is due."""
         self.expected = [min(count + 1, OUTSTANDING) for count in self.expected]
 
-    def _see(self, statusword: int) -> None:
+    def _set_status(self, statusword: int) -> None:
         self.statusword = statusword
         self.state = decode_statusword(statusword)
 
-    def _see_position(self, raw: int) -> None:
-        """Unwrap the 32-bit counter of the absolute encoder, which is read at start in place of homing."""
+    def _set_position(self, raw: int) -> None:
+        """Unwrap the encoder's 32-bit counter; an absolute encoder is read at start in place of homing."""
         previous = raw if self._raw_position is None else self._raw_position
         if self._raw_position is None:
             self._counts = raw

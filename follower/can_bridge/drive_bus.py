@@ -1,7 +1,7 @@
 """The Follower's bus as the bridge uses it: bring-up, then one non-blocking exchange a cycle.
 
-Each exchange takes what has arrived, sends heartbeat, every drive's controlword and set-point and SYNC, and moves
-every drive one CiA 402 transition towards the requested state. Whatever is wrong turns the request into quick stop:
+Each exchange handles what has arrived, sends heartbeat, every drive's controlword and set-point and SYNC, and moves
+every drive one CiA 402 transition towards the requested state. Anything wrong turns the request into quick stop:
 wheels ramp down and go free, arms hold their position.
 """
 
@@ -29,23 +29,28 @@ from common.errors import DeviceError
 from common.timing import NS_PER_MS
 from follower.can_bridge.axes import Axis, Group
 from follower.can_bridge.inbound import Inbound
-from follower.can_bridge.measurement import DriveSetpoint, Measurement
+from follower.can_bridge.measurement import BusMeasurement, DriveSetpoint
 from follower.can_bridge.robot_axes import make_axes, make_homing_axes
 
-_HEARTBEAT_MS = 100
 _ANSWER_NS = NS_PER_MS // 2
-# a master's heartbeat comes every 10 ms; a simulated bus tells a newcomer nothing for 50 ms
+# a master sends its heartbeat every 10 ms; a simulated bus passes nothing to a new client for 50 ms
 _ALONE_S = 0.1
 
 
 class DriveBus:
     """Eleven drives and one I/O module on one bus.
 
-    With ``listen_only`` nothing is ever sent: it follows what another bridge does on a live bus. ``heartbeat`` is
-    withheld by the enable test only, to see the drives' watchdogs fire while they still answer SYNC. For ``homing``
-    the axes that have to find their home are in that mode, and at most the one given to :meth:`home` gets power.
-    ``clock_ns`` tells the time between two frames: a process that is stopped within an exchange must not send the
-    rest of it when it is let go on.
+    ``heartbeat`` is withheld by the enable test only, to see the drives' watchdogs fire while they still answer SYNC.
+
+    Args:
+        config: nodes, identifiers and limits.
+        base: wheel radius and track.
+        config_path: the EDS files are beside it.
+        listen_only: never send; follow what another bridge does on a live bus.
+        homing: axes that have to find their home are in that mode, and at most the one given to :meth:`home` gets
+            power.
+        clock_ns: the time between two frames: a process that is stopped within an exchange must not send the rest of
+            it once it continues.
     """
 
     def __init__(
@@ -79,10 +84,10 @@ class DriveBus:
     # -- life
 
     def open(self) -> None:
-        """Open the bus and bring every node up, disabled. Also the way back after a lost bus.
+        """Open the bus and bring every node up, disabled; also after a lost bus.
 
         Raises:
-            DeviceError: no bus, another master at work on it, a silent node, another device, a refused or lost write:
+            DeviceError: no bus, another master active on it, a silent node, another device, a refused or lost write:
                 named, nothing enabled.
             ConfigError: an EDS is missing or not one.
         """
@@ -118,14 +123,14 @@ class DriveBus:
             bus.close()
 
     def enable(self, groups: Sequence[Group] = ("wheels", "arms")) -> None:
-        """Request operation; refused for as long as there are faults, and never granted in shadow."""
+        """Request operation; refused while there are faults, and never granted in shadow."""
         if not self._config.shadow:
             self._request(Target.ENABLED, groups)
 
     def disable(self, groups: Sequence[Group] = ("wheels",)) -> None:
         """Request power off. The arms keep holding unless they are named.
 
-        Acknowledges a stall of the bridge: what the drives' watchdogs latched may be enabled anew after that.
+        Acknowledges a stall of the bridge: drives that their watchdogs stopped may be enabled again after that.
         """
         self._stalled = ""
         self._request(Target.DISABLED, groups)
@@ -135,20 +140,25 @@ class DriveBus:
         self._request(Target.QUICK_STOP, groups)
 
     def home(self, axis: Axis | None) -> None:
-        """On a bus opened for homing: this axis alone goes into operation and looks for its home; None: none does."""
+        """On a bus opened for homing: enable this axis alone, to search for its home; None: none."""
         self._home = axis
 
     def reset_faults(self) -> None:
-        """Acknowledge every fault, on a person's request only; the drives stay disabled."""
+        """Acknowledge every fault, on the operator's request only; the drives stay disabled."""
         self.quick_stop()
         self._reset = True
         self._stalled = ""
-        self._inbound.forgive()
+        self._inbound.clear_faults()
 
     # -- cycle
 
-    def exchange(self, now_ns: int, setpoint: DriveSetpoint) -> Measurement:
-        """One cycle; never blocks and never raises for what happens on the bus: see ``faults`` and ``bus_ok``."""
+    def exchange(self, now_ns: int, setpoint: DriveSetpoint) -> BusMeasurement:
+        """One cycle. It never blocks, and never raises for what happens on the bus: see ``faults`` and ``bus_ok``.
+
+        Args:
+            now_ns: CLOCK_MONOTONIC at the cycle's begin.
+            setpoint: for the drives in operation.
+        """
         faults: list[str] = []
         silent: list[str] = []
         bad_frames = ""
@@ -171,18 +181,18 @@ class DriveBus:
         config = self._config
         if bus.hears(HEARTBEAT + config.master_node_id, _ALONE_S):
             raise DeviceError(
-                f"CAN bus {bus.name}: another master works on it (heartbeat of node {config.master_node_id}): "
+                f"CAN bus {bus.name}: another master is active on it (heartbeat of node {config.master_node_id}): "
                 "stop its bridge first"
             )
         bus.send(nmt_frame(NMT_PRE_OPERATIONAL))
         io = CanopenNode(bus, config.io_node_id, self._inbound.io.name, self._io_eds)
         io.check_identity()
-        io.supervise(_HEARTBEAT_MS, config.master_node_id, config.watchdog_ms)
+        io.supervise(config.master_node_id, config.watchdog_ms)
         io.map_transmit_pdo(1, [(0x6000, 1, 8), (0x6401, 1, 16)])
         for axis in self.axes:
             node = CanopenNode(bus, axis.node_id, axis.name, self._eds)
             node.check_identity(axis.config.serial)
-            node.supervise(_HEARTBEAT_MS, config.master_node_id, config.watchdog_ms)
+            node.supervise(config.master_node_id, config.watchdog_ms)
             axis.configure(node)
         bus.receive()
         bus.send(nmt_frame(NMT_START))
@@ -197,7 +207,7 @@ class DriveBus:
                 self._inbound.synchronised(now_ns)
                 stamp_ns = now_ns
             else:
-                self._inbound.take(frame, stamp_ns, now_ns)
+                self._inbound.handle_frame(frame, stamp_ns, now_ns)
 
     def _send(self, now_ns: int, setpoint: DriveSetpoint) -> None:
         bus = self._bus
@@ -207,7 +217,7 @@ class DriveBus:
         if self.heartbeat:
             bus.send(heartbeat_frame(self._config.master_node_id, STATE_OPERATIONAL))
         for axis, value in zip(self.axes, setpoint.per_axis(), strict=True):
-            if self._clock_ns is not None and not self._stalled and self._stood_still(now_ns, self._clock_ns()):
+            if self._clock_ns is not None and not self._stalled and self._check_stall(now_ns, self._clock_ns()):
                 self.quick_stop()
             target = self._target(axis)
             reset = self._reset and axis.state is DriveState.FAULT
@@ -243,23 +253,23 @@ class DriveBus:
 
     def _faults(self, now_ns: int) -> list[str]:
         if self._bus is not None and self._exchanged_ns is not None:
-            self._stood_still(self._exchanged_ns, now_ns)
+            self._check_stall(self._exchanged_ns, now_ns)
         return self._inbound.faults(now_ns, bool(self._stalled))
 
-    def _stood_still(self, since_ns: int, now_ns: int) -> bool:
-        """Whether the drives' watchdogs noticed that this process stood still."""
-        stood_ns = now_ns - since_ns
-        if stood_ns <= self._config.watchdog_ms * NS_PER_MS:
+    def _check_stall(self, since_ns: int, now_ns: int) -> bool:
+        """Whether this process stalled for so long that the drives' watchdogs stopped them."""
+        stalled_ns = now_ns - since_ns
+        if stalled_ns <= self._config.watchdog_ms * NS_PER_MS:
             return False
-        self._stalled = f"bridge: stood still for {stood_ns // NS_PER_MS} ms"
-        self._inbound.stood_still(now_ns)
+        self._stalled = f"bridge: stalled for {stalled_ns // NS_PER_MS} ms"
+        self._inbound.note_stall(now_ns)
         return True
 
-    def _measurement(self, now_ns: int) -> Measurement:
+    def _measurement(self, now_ns: int) -> BusMeasurement:
         axes, io = self.axes, self._inbound.io
         left, right, joints, grippers, lift = axes[0], axes[1], axes[2:8], axes[8:10], axes[10]
         fresh = self._bus is not None and self._inbound.inputs_fresh(now_ns)
-        return Measurement(
+        return BusMeasurement(
             now_ns=now_ns,
             measured_ns=min(left.status_ns, right.status_ns),
             wheel_speed_rad_s=(left.velocity, right.velocity),

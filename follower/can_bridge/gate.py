@@ -1,8 +1,8 @@
 """The gate: the last function before the wheels. It trusts nothing above it and can only reduce motion.
 
-SAFETY.md layer 2. Pure: state and time are arguments of :meth:`Gate.step`, which is called before every frame. Each
-rule has a name; the decision says which rule stopped or changed the command. Constants here can only be lowered
-by configuration and mission.
+docs/safety.md, layer 2. Pure: measurement and time are arguments of :meth:`Gate.step`, which is called before every
+frame. Each rule has a name; the decision names the rule that stopped or changed the command. Configuration and
+mission can only lower the ceilings (:mod:`common.ceilings`).
 """
 
 from __future__ import annotations
@@ -12,70 +12,47 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
+from common.ceilings import (
+    HARD_ACCELERATION_M_S2,
+    HARD_ANGULAR_ACCELERATION_RAD_S2,
+    HARD_V_MAX_M_S,
+    HARD_V_MIN_M_S,
+    HARD_W_MAX_RAD_S,
+    PHASE_CAPS,
+    STILL,
+)
 from common.config import BaseConfig, LimitsConfig
 from common.messages import Command, Phase, command_checksum
 from common.timing import NS_PER_MS, NS_PER_S
-from follower.can_bridge.wheel_watch import RimWatch
+from follower.can_bridge.measurement import STATUS_MAX_AGE_MS
+from follower.can_bridge.wheel_tracking import WheelTrackingMonitor
 
-HARD_V_MAX_M_S: Final = 0.6
-HARD_V_MIN_M_S: Final = -0.2
-HARD_W_MAX_RAD_S: Final = 0.8
-HARD_ACCELERATION_M_S2: Final = 0.6
-HARD_ANGULAR_ACCELERATION_RAD_S2: Final = 2.5
 COMMAND_MAX_AGE_MS: Final = 120
 TOKEN_MAX_AGE_MS: Final = 200
-STATUS_MAX_AGE_MS: Final = 50
 WINDOW_MS: Final = 250
 WINDOW_ENTRIES: Final = 128
 MAX_STEP_MS: Final = 20
-MAX_RIM_GAP_M_S: Final = 0.15
-MAX_RIM_GAP_SHARE: Final = 0.20
+MAX_TRACKING_GAP_M_S: Final = 0.15
+MAX_TRACKING_GAP_SHARE: Final = 0.20
 MAX_MEASURED_JUMP_M_S: Final = 0.30
 MAX_MEASURED_STEP_M: Final = 0.05
-"""Of a rim between two measurements, at most 50 ms apart: at its cap it rolls 0.03 m meanwhile."""
-
-
-@dataclass(frozen=True)
-class PhaseCap:
-    """Most that a phase may do: speed and turning rate of {F}, rim speed of either wheel."""
-
-    v_m_s: float
-    w_rad_s: float
-    wheel_m_s: float
-
-
-_STILL: Final = PhaseCap(0.0, 0.0, 0.0)
-PHASE_CAPS: Final[dict[Phase, PhaseCap]] = {
-    "idle": _STILL,
-    "staging": PhaseCap(0.10, 0.30, 0.15),
-    "search": PhaseCap(0.0, 0.30, 0.08),
-    "acquire": PhaseCap(0.10, 0.30, 0.15),
-    "approach": PhaseCap(0.60, 0.80, 0.60),
-    "insert": PhaseCap(0.05, 0.20, 0.08),
-    "push": PhaseCap(0.05, 0.20, 0.08),
-    "lock": PhaseCap(0.05, 0.10, 0.06),
-    "release": _STILL,
-    "retract": PhaseCap(0.10, 0.30, 0.15),
-    "manual": PhaseCap(0.10, 0.30, 0.15),
-    "done": _STILL,
-    "aborted": _STILL,
-}
+"""Of a wheel's surface between two measurements at most 50 ms apart: at its cap it rolls 0.03 m meanwhile."""
 LATCHING: Final = frozenset({"second_writer"})
 """Reasons to drop a command that stop the wheels until the next epoch; so do the rules measured_*."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StampedCommand:
-    """A command and what its envelope says: the writer's run and the boot that its stamps count from."""
+    """A command with what its envelope adds: the writer's run and the boot that its stamps count from."""
 
     command: Command
     run_id: int
     boot_id: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ArmToken:
-    """The newest mission: armed or not, when it was stamped, the epoch and the caps that it sets."""
+    """The newest mission: armed or not, its stamp, its epoch, and the caps that it sets for {F}."""
 
     armed: bool
     stamp_ns: int
@@ -86,33 +63,37 @@ class ArmToken:
     w_max_rad_s: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class WheelStatus:
-    """What the drives measured at ``measured_ns``, −1 for never: speeds, whether both are enabled, and angles."""
+    """Speeds and angles that the wheel drives measured at ``measured_ns``, −1 for never.
+
+    ``drives_enabled``: all drives that the robot needs for moving are in operation; in the bridge, wheels and arms.
+    """
 
     measured_ns: int
     left_rad_s: float
     right_rad_s: float
-    enabled: bool
     left_rad: float
     right_rad: float
+    drives_enabled: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StopInputs:
-    """Emergency and protective stop as the I/O module reports them; not fresh counts as stop."""
+    """Emergency and protective stop as the I/O module reports them; not ``fresh`` counts as stop."""
 
     fresh: bool
     estop_clear: bool
     protective_clear: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Decision:
     """What goes to the wheels.
 
-    ``rule`` names what made it zero, or "" while a command is followed; ``clipped`` names what limited the command;
-    ``dropped`` names why a newly arrived command was not taken, or "". ``sequence`` is the last accepted command's.
+    ``rule`` names what made it zero, or is "" while a command is followed; ``clipped`` names what limited the
+    command; ``dropped`` says why a newly arrived command was not accepted, or is "". ``sequence`` is that of the last
+    accepted command.
     """
 
     v_m_s: float
@@ -124,7 +105,7 @@ class Decision:
 
 
 class Gate:
-    """Holds what the rules need from earlier frames: the accepted command, the last set-points, a latched rule."""
+    """Keeps what the rules need from earlier frames: the accepted command, the last set-points, a latched rule."""
 
     _latched: str
 
@@ -143,7 +124,7 @@ class Gate:
         self._w = 0.0
         self._window: deque[tuple[int, float, float]] = deque(maxlen=WINDOW_ENTRIES)
         self._status: WheelStatus | None = None
-        self._rims = (RimWatch(), RimWatch())
+        self._tracking = (WheelTrackingMonitor(), WheelTrackingMonitor())
 
     def step(
         self,
@@ -157,14 +138,17 @@ class Gate:
 
         Args:
             now_ns: CLOCK_MONOTONIC of this boot.
-            newest: the newest command that arrived, new or already seen; None if none ever did.
-            token: the newest mission; None if none ever came.
+            newest: the newest command that arrived, new or already seen; None before the first.
+            token: the newest mission; None before the first.
             status: newest measurement of the wheels.
-            inputs: stop inputs.
+            inputs: emergency and protective stop.
+
+        Returns:
+            Speed and turning rate of {F} to send, zero unless every rule is satisfied, with the rules that acted.
         """
         if token is not None and token.epoch != self._epoch:
             self._begin(token.epoch)
-        dropped = self._take(newest, token)
+        dropped = self._accept(newest, token)
         jump = self._jumped(status)
         self._latched = self._latched or jump or (dropped if dropped in LATCHING else "")
         rule = self._stop_rule(now_ns, token, status, inputs) or self._latched
@@ -172,14 +156,16 @@ class Gate:
         v, w = 0.0, 0.0
         if not rule and self._held is not None and token is not None:
             v, w = self._limit(now_ns, self._held, token, clipped)
-        disobeyed = self._disobeyed(now_ns, v, w, status)
-        if disobeyed:
-            rule = self._latched = disobeyed
+        off = self._not_tracking(now_ns, v, w, status)
+        if off:
+            rule = self._latched = off
             v, w = 0.0, 0.0
         self._remember(now_ns, v, w)
-        return Decision(v, w, rule, tuple(clipped), dropped, self._sequence)
+        return Decision(
+            v_m_s=v, w_rad_s=w, rule=rule, clipped=tuple(clipped), dropped=dropped, sequence=self._sequence
+        )
 
-    # -- taking a command
+    # -- accepting a command
 
     def _begin(self, epoch: int | None) -> None:
         """A new epoch forgets the old one's command, writer, sequence and latched rule."""
@@ -189,8 +175,8 @@ class Gate:
         self._sequence = -1
         self._latched = ""
 
-    def _take(self, newest: StampedCommand | None, token: ArmToken | None) -> str:
-        """Hold a new command if it is genuine; the reason if it is not. Age is judged on every frame, not here."""
+    def _accept(self, newest: StampedCommand | None, token: ArmToken | None) -> str:
+        """Hold a new command if it is genuine; the reason if it is not. Age is checked on every frame, not here."""
         if newest is None or newest.command == self._held:
             return ""
         reason = self._refusal(newest, token)
@@ -231,7 +217,7 @@ class Gate:
             return "token_age"
         if not (token.v_max_m_s >= 0.0 and token.w_max_rad_s >= 0.0):  # also false for NaN
             return "token_caps"
-        if not status.enabled:
+        if not status.drives_enabled:
             return "not_enabled"
         held = self._held
         if held is None:
@@ -256,15 +242,15 @@ class Gate:
         jumped = faster * self._radius > MAX_MEASURED_JUMP_M_S or farther * self._radius > MAX_MEASURED_STEP_M
         return "measured_jump" if jumped else ""
 
-    def _disobeyed(self, now_ns: int, v: float, w: float, status: WheelStatus) -> str:
-        """A wheel does not do what it is told: blocked, stuck encoder, wrong sign. Asked on every frame."""
+    def _not_tracking(self, now_ns: int, v: float, w: float, status: WheelStatus) -> str:
+        """A wheel does not follow its set-point: blocked, stuck encoder, wrong sign. Checked on every frame."""
         turn = w * self._half_track
-        rims = (
-            (v - turn, status.left_rad_s * self._radius, self._rims[0]),
-            (v + turn, status.right_rad_s * self._radius, self._rims[1]),
+        surfaces = (
+            (v - turn, status.left_rad_s * self._radius, self._tracking[0]),
+            (v + turn, status.right_rad_s * self._radius, self._tracking[1]),
         )
-        stuck = [watch.step(now_ns, told, measured) for told, measured, watch in rims]
-        if any(_beyond(told, measured) for told, measured, _ in rims):
+        stuck = [monitor.step(now_ns, commanded, measured) for commanded, measured, monitor in surfaces]
+        if any(_beyond(commanded, measured) for commanded, measured, _ in surfaces):
             return "measured_gap"
         return "measured_stuck" if any(stuck) else ""
 
@@ -273,7 +259,7 @@ class Gate:
     def _limit(self, now_ns: int, command: Command, token: ArmToken, clipped: list[str]) -> tuple[float, float]:
         """Caps, rate, window; each scales v and ω together.
 
-        A cap that was lowered, and a command to stand, hold at once: the drive ramps.
+        A lowered cap and a command to stand apply at once: the drive ramps.
         """
         if command.v_m_s == 0.0 and command.w_rad_s == 0.0:
             return 0.0, 0.0
@@ -294,8 +280,8 @@ class Gate:
         return v * lowered, w * lowered
 
     def _cap_scale(self, v: float, w: float, token: ArmToken) -> float:
-        """The factor ≤ 1 that brings v, ω and both rims within what configuration, phase and mission allow."""
-        cap = PHASE_CAPS.get(token.phase, _STILL)
+        """The factor ≤ 1 that brings v, ω and both wheels within the caps of configuration, phase and mission."""
+        cap = PHASE_CAPS.get(token.phase, STILL)
         return min(
             _share(max(v, 0.0), min(self._v_max, cap.v_m_s, token.v_max_m_s)),
             _share(min(v, 0.0), min(-self._v_min, cap.v_m_s, token.v_max_m_s)),
@@ -304,13 +290,13 @@ class Gate:
         )
 
     def _step_s(self, now_ns: int) -> float:
-        """Time since the last frame; a stall earns no larger step."""
+        """Time since the last frame; a stall allows no larger step."""
         if self._last_ns is None:
             return 0.0
         return min(max(now_ns - self._last_ns, 0), MAX_STEP_MS * NS_PER_MS) / NS_PER_S
 
     def _window_share(self, now_ns: int, dv: float, dw: float) -> float:
-        """How much of the change keeps the real change over the last 250 ms within what the rates allow.
+        """The share of the change that keeps the real change over the last 250 ms within what the rates allow.
 
         An independent check of the rate rule: it does not use the step's duration. Slowing down to zero is free.
         """
@@ -329,7 +315,7 @@ class Gate:
 
 
 def _young(now_ns: int, stamp_ns: int, max_age_ms: int) -> bool:
-    """Neither too old nor from the future."""
+    """Neither too old nor stamped in the future."""
     return 0 <= now_ns - stamp_ns <= max_age_ms * NS_PER_MS
 
 
@@ -340,18 +326,18 @@ def _share(wanted: float, allowed: float) -> float:
 
 
 def _beyond(setpoint: float, measured: float) -> bool:
-    """Whether a rim's set-point asks for more than was measured, by more than lag and load explain.
+    """Whether a wheel's set-point exceeds the measured surface speed by more than lag and load explain.
 
-    A set-point that slows down is welcome however far the measurement is.
+    A set-point that slows down is accepted however far it is from the measurement.
     """
     gap = math.copysign(1.0, setpoint) * (setpoint - measured)
-    return setpoint != 0.0 and gap > MAX_RIM_GAP_M_S + MAX_RIM_GAP_SHARE * abs(setpoint)
+    return setpoint != 0.0 and gap > MAX_TRACKING_GAP_M_S + MAX_TRACKING_GAP_SHARE * abs(setpoint)
 
 
 def _reach_share(now: float, change: float, window: list[float], reach: float) -> float:
     """The share of ``change`` after which the set-point is within ``reach`` of every one in the window.
 
-    Towards zero it is free: a set-point that was set to zero does not hold the window against itself.
+    Changes towards zero are free: a set-point that was forced to zero is not held back by the window.
     """
     sign = math.copysign(1.0, change)
     slowest = min((sign * value for value in window), default=sign * now)

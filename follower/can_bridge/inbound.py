@@ -1,4 +1,4 @@
-"""What comes from the Follower's bus: PDOs, emergencies and heartbeats, checked, and the faults they tell of."""
+"""Frames from the Follower's bus: PDOs, emergencies and heartbeats, checked, and the faults that they report."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 from common.canopen.cia402 import DriveState
 from common.canopen.frames import EMCY, HEARTBEAT, HEARTBEAT_LOST, STATE_BOOT_UP, TPDO, CanFrame, decode_emergency
+from common.config import BATTERY_V_PER_COUNT
 from common.timing import NS_PER_MS
 from follower.can_bridge.axes import OUTSTANDING, Axis
+from follower.can_bridge.measurement import STATUS_MAX_AGE_MS
 
-STATUS_MAX_AGE_MS = 50.0
-BATTERY_V_PER_COUNT = 0.01
 MALFORMED_LIMIT = 3
-MALFORMED_WINDOW_MS = 1000.0
+MALFORMED_WINDOW_MS = 1000
 _EMERGENCIES_KEPT = 8
 
 
@@ -31,11 +31,11 @@ class StopModule:
         self.expected = 0
 
     def restart(self) -> None:
-        """Forget what an earlier connection said."""
+        """Forget what an earlier connection reported."""
         self.status_ns, self.expected, self.bits, self.emergency = -1, 0, 0, ""
 
-    def take(self, data: bytes, stamp_ns: int) -> bool:
-        """Its TPDO; false when it cannot be genuine."""
+    def handle_pdo(self, data: bytes, stamp_ns: int) -> bool:
+        """Take its TPDO; false when it cannot be genuine."""
         if len(data) != 3 or self.expected <= 0:
             return False
         self.expected -= 1
@@ -46,9 +46,10 @@ class StopModule:
 
 
 class Inbound:
-    """Digests frames. A frame that cannot be what its identifier says is dropped and counted in ``malformed``.
+    """Handles frames. A frame that cannot be what its identifier claims is dropped and counted in ``malformed``.
 
-    ``restarted`` names a node that booted while it was in use: it has lost its configuration.
+    ``unknown`` counts frames of foreign identifiers. ``restarted`` names a node that booted while it was in use: it
+    has lost its configuration.
     """
 
     def __init__(self, axes: Sequence[Axis], io_node_id: int) -> None:
@@ -63,7 +64,7 @@ class Inbound:
         self._started_ns: int | None = None
 
     def restart(self) -> None:
-        """A new connection: nothing has been heard yet."""
+        """A new connection: nothing has been received yet."""
         self.io.restart()
         self.restarted = ""
         self._malformed_ns.clear()
@@ -77,27 +78,27 @@ class Inbound:
             axis.synchronised()
         self.io.expected = min(self.io.expected + 1, OUTSTANDING)
 
-    def take(self, frame: CanFrame, stamp_ns: int, now_ns: int) -> None:
-        """Digest a frame that answers the SYNC of ``stamp_ns``."""
+    def handle_frame(self, frame: CanFrame, stamp_ns: int, now_ns: int) -> None:
+        """Take a frame that answers the SYNC of ``stamp_ns``."""
         if not self._genuine(frame, stamp_ns):
             self.malformed += 1
             self._malformed_ns.append(now_ns)
 
-    def forgive(self) -> None:
-        """Forget emergencies and malformed frames: somebody acknowledged them."""
+    def clear_faults(self) -> None:
+        """Forget emergencies and malformed frames: the operator acknowledged them."""
         for axis in self.axes:
             axis.emergencies.clear()
         self.io.emergency = ""
         self._malformed_ns.clear()
 
-    def stood_still(self, now_ns: int) -> None:
-        """The bridge itself stood still: silence counts from now on."""
+    def note_stall(self, now_ns: int) -> None:
+        """The bridge itself stalled: restart the silence timers."""
         self._started_ns = now_ns
 
     def faults(self, now_ns: int, stalled: bool = False) -> list[str]:
-        """What is wrong, one line each, naming axis or node; not what follows from a stall of the bridge.
+        """Faults, one line each, naming axis or node; without the consequences of a stall of the bridge.
 
-        The stop inputs' silence is a fault, but while drives are silent with them: see :meth:`silent`.
+        Silence of the stop inputs is a fault, except while drives are silent as well: see :meth:`silent`.
         """
         found = [fault for axis in self.axes for fault in _axis_faults(axis, stalled)]
         if self.io.emergency:
@@ -107,13 +108,13 @@ class Inbound:
         return found
 
     def bad_frames(self, now_ns: int) -> str:
-        """Says so while too many frames of late cannot be genuine: corrupt, replayed, or late in a crowd."""
-        if self._much_malformed(now_ns):
+        """Reason while too many recent frames cannot be genuine (corrupt, replayed, a burst of late ones), or ""."""
+        if self._many_malformed(now_ns):
             return f"CAN bus: {MALFORMED_LIMIT} frames within a second that cannot be genuine"
         return ""
 
     def silent(self, now_ns: int) -> list[str]:
-        """Which drives are not heard, one line each: that may pass by itself, as a fault does not."""
+        """Drives that do not answer, one line each: that may end by itself, as a fault does not."""
         return [
             f"{axis.name}: node {axis.node_id} is silent"
             for axis in self.axes
@@ -121,10 +122,10 @@ class Inbound:
         ]
 
     def inputs_fresh(self, now_ns: int) -> bool:
-        """Whether the stop inputs say anything about now."""
+        """Whether the stop inputs were reported recently enough."""
         return self.io.status_ns >= 0 and not self._silent(self.io.status_ns, now_ns)
 
-    def _much_malformed(self, now_ns: int) -> bool:
+    def _many_malformed(self, now_ns: int) -> bool:
         oldest = self._malformed_ns[0] if len(self._malformed_ns) == MALFORMED_LIMIT else None
         return oldest is not None and now_ns - oldest <= MALFORMED_WINDOW_MS * NS_PER_MS
 
@@ -138,14 +139,14 @@ class Inbound:
         found = self._by_tpdo.get(frame.can_id)
         if found is not None:
             if self._started_ns is None:
-                return True  # who listens in between two SYNCs hears answers to one that he did not hear
-            return found[0].take(found[1], frame.data, stamp_ns)
+                return True  # a listener that joins between two SYNCs receives answers to one that it missed
+            return found[0].handle_pdo(found[1], frame.data, stamp_ns)
         node_id, service = frame.can_id & 0x7F, frame.can_id & 0x780
         if node_id not in self._by_id and node_id != self.io.node_id:
             self.unknown += 1
             return True
         if service == TPDO[0]:
-            return self._started_ns is None or self.io.take(frame.data, stamp_ns)
+            return self._started_ns is None or self.io.handle_pdo(frame.data, stamp_ns)
         if service == EMCY:
             return self._emergency(node_id, frame.data)
         if service == HEARTBEAT:
@@ -177,7 +178,7 @@ class Inbound:
 
 
 def _axis_faults(axis: Axis, stalled: bool) -> list[str]:
-    """With the bridge ``stalled`` the drives' watchdogs stopped them, as they should: that is no fault of theirs."""
+    """With the bridge ``stalled`` the drives' watchdogs stopped them, as they should: that is no fault of a drive."""
     expected = {HEARTBEAT_LOST} if stalled else set()
     found = [f"{axis.name}: {each.name}" for code, each in axis.emergencies.items() if code not in expected]
     if axis.state in (DriveState.FAULT, DriveState.FAULT_REACTION) and not axis.emergencies:

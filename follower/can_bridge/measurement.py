@@ -1,19 +1,23 @@
-"""What the bridge hands to its drives, and what it gets back, in SI units at the output shafts."""
+"""Set-points for the drives and what comes back from the bus, in SI units at the output shafts."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 from common.canopen.cia402 import DriveState
 from common.causes import BAD_FRAMES, NODE_SILENT
 
+STATUS_MAX_AGE_MS: Final = 50
+"""Age from which a drive or the I/O module counts as silent, and its last report as unknown (docs/safety.md S21)."""
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, kw_only=True)
 class DriveSetpoint:
-    """What every drive shall do: rad/s at the wheels, N·m at joints and grippers, m; without a height the lift stays.
+    """Set-points of all drives: wheels [rad/s], joints and grippers [N·m], lift [m]; without a height the lift stays.
 
-    The default is nothing.
+    The default is zero everywhere.
     """
 
     left_rad_s: float = 0.0
@@ -31,15 +35,15 @@ class DriveSetpoint:
         yield self.lift_m
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """What the bus says at one exchange.
+@dataclass(frozen=True, kw_only=True)
+class BusMeasurement:
+    """What the bus reported at one exchange.
 
     ``measured_ns`` is the SYNC that latched the older of the two wheels' answers, −1 before the first. Stop inputs
-    count as STOP while the I/O module is silent. ``faults`` is empty when all is well. What may pass by
-    itself: ``silent`` names the drives that are not heard, ``bad_frames`` says that frames came which cannot be
-    genuine. ``stalled`` says how long the bridge itself stood still, so that the drives' watchdogs stopped them; it
-    stays until power off is requested.
+    count as STOP while the I/O module is silent. ``faults`` is empty when all is well. Two conditions may end by
+    themselves: ``silent`` names drives that do not answer, ``bad_frames`` reports frames that cannot be genuine.
+    ``stalled`` gives for how long the bridge itself stalled, so that the drives' watchdogs stopped them; it is kept
+    until power off is requested.
     """
 
     now_ns: int
@@ -68,12 +72,12 @@ class Measurement:
 
     @property
     def troubles(self) -> tuple[str, ...]:
-        """All that is wrong, for those who do not tell one thing from the other."""
+        """Everything that is wrong, in one list."""
         return (*self.faults, *self.silent, *(text for text in (self.stalled, self.bad_frames) if text))
 
     @property
     def passing(self) -> str:
-        """Why to stop, as a cause, for what may pass by itself; empty if nothing is."""
+        """Cause to stop for by a condition that may end by itself; empty if there is none."""
         if self.silent:
             return f"{NODE_SILENT}: {self.silent[0]}"
         return f"{BAD_FRAMES}: {self.bad_frames}" if self.bad_frames else ""

@@ -10,21 +10,21 @@ from common.errors import DeviceError
 from common.messages import Drives
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
-from follower.can_bridge.bridge import Bridge, Heard, Orders
+from follower.can_bridge.bridge import Bridge, BridgeInputs, BridgeOutputs
 from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.gate import Decision, StampedCommand
-from follower.can_bridge.measurement import DriveSetpoint, Measurement
+from follower.can_bridge.measurement import BusMeasurement, DriveSetpoint
 from follower.can_bridge.shadow import Shadow
 
 _REOPEN_NS = NS_PER_S
-_TELL_NS = NS_PER_S
+_SHADOW_LOG_NS = NS_PER_S
 _log = logging.getLogger("follower-can-bridge")
 
 
 class CanBridgeNode(Node):
     """One exchange with the bus every 10 ms, and one at once for each new command.
 
-    With ``follower_can.readonly`` it sends nothing and hears no mission: it tells what another master's drives do.
+    With ``follower_can.readonly`` it sends nothing, ignores the mission, and reports what another master's drives do.
     """
 
     name = "follower-can-bridge"
@@ -45,13 +45,13 @@ class CanBridgeNode(Node):
         )
         self._bridge = Bridge(config, context.clock.boot_id)
         self._shadow = Shadow(config.follower_can, config.base) if config.follower_can.shadow else None
-        self._told_ns = 0
-        self._measured: Measurement | None = None
+        self._logged_ns = 0
+        self._measured: BusMeasurement | None = None
         self._sequence = -1
         self._image_to_can_ns = 0
         self._reopen_ns = 0
         self._state = self._stalled = ""
-        self._unheard = False
+        self._warned = False
 
     def start(self, now_ns: int) -> None:  # noqa: ARG002 - the contract's signature
         """Bring every node up, disabled."""
@@ -65,59 +65,68 @@ class CanBridgeNode(Node):
         if not self._measured.bus_ok and now_ns >= self._reopen_ns:
             self._reopen(now_ns)
         command = inputs.newest(COMMAND)
-        stamped = StampedCommand(command.message, command.header.run_id, command.header.boot_id) if command else None
-        mission = None if self._readonly else inputs.newest(MISSION)
-        heard = Heard(now_ns, stamped, mission, inputs.newest(ARM_SETPOINT))
-        orders, setpoint = self._decide(heard, self._measured)
-        self._request(orders)
+        stamped = None
+        if command is not None:
+            header = command.header
+            stamped = StampedCommand(command=command.message, run_id=header.run_id, boot_id=header.boot_id)
+        newest = BridgeInputs(
+            now_ns=now_ns,
+            command=stamped,
+            mission=None if self._readonly else inputs.newest(MISSION),
+            arms=inputs.newest(ARM_SETPOINT),
+        )
+        outputs, setpoint = self._decide(newest, self._measured)
+        self._request(outputs)
         self._measured = self._bus.exchange(now_ns, setpoint)
         if self._measured.stalled != self._stalled:
             self._stalled = self._measured.stalled
-            _log.warning("%s", self._stalled or "the stall is over: the drives may be enabled anew")
-        self._say_unheard(self._measured)
-        self._time(orders.decision, stamped)
+            _log.warning("%s", self._stalled or "the stall is over: the drives may be enabled again")
+        self._warn_without_sync(self._measured)
+        self._time(outputs.decision, stamped)
         if self._bridge.state != self._state:
             self._state = self._bridge.state
             _log.info("%s %s", self._state, self._bridge.cause)
-        return ((DRIVES, self._drives(self._measured, orders.decision)),)
+        return ((DRIVES, self._drives(self._measured, outputs.decision)),)
 
     def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002
         """Quick-stop and disable, in order; also after a fault of this process."""
         self._bus.close()
         return ()
 
-    def _decide(self, heard: Heard, measured: Measurement) -> tuple[Orders, DriveSetpoint]:
-        """Orders, and the set-point that is really sent."""
+    def _decide(self, inputs: BridgeInputs, measured: BusMeasurement) -> tuple[BridgeOutputs, DriveSetpoint]:
+        """The bridge's outputs, and the set-point that is really sent."""
         if self._shadow is None:
-            orders = self._bridge.step(heard, measured)
-            return orders, orders.setpoint
-        orders = self._bridge.step(heard, self._shadow.pretend(measured))
-        if self._bridge.state == "armed" and heard.now_ns - self._told_ns >= _TELL_NS:
-            self._told_ns = heard.now_ns
-            v, w, rule = orders.decision.v_m_s, orders.decision.w_rad_s, orders.decision.rule
+            outputs = self._bridge.step(inputs, measured)
+            return outputs, outputs.setpoint
+        outputs = self._bridge.step(inputs, self._shadow.pretend(measured))
+        if self._bridge.state == "armed" and inputs.now_ns - self._logged_ns >= _SHADOW_LOG_NS:
+            self._logged_ns = inputs.now_ns
+            v, w, rule = outputs.decision.v_m_s, outputs.decision.w_rad_s, outputs.decision.rule
             _log.info("shadow: would command v %+.3f m/s, ω %+.3f rad/s %s", v, w, rule)
-        return orders, self._shadow.withhold(orders.setpoint)
+        return outputs, self._shadow.withhold(outputs.setpoint)
 
-    def _request(self, orders: Orders) -> None:
-        if orders.power == "enable":
+    def _request(self, outputs: BridgeOutputs) -> None:
+        if outputs.power == "enable":
             self._bus.enable()
-        elif orders.power == "stop_arms":
+        elif outputs.power == "stop_arms":
             self._bus.quick_stop(("arms",))
-        elif orders.power == "disable":
+        elif outputs.power == "disable":
             self._bus.disable()
-        elif orders.power == "reset":
-            _log.info("acknowledging drive faults, as a person asked")
+        elif outputs.power == "reset":
+            _log.info("acknowledging drive faults on the operator's request")
             self._bus.reset_faults()
 
-    def _say_unheard(self, measured: Measurement) -> None:
-        """Said once: whoever only listens hears drives only where another master sends SYNC."""
-        unheard = self._readonly and measured.bus_ok and measured.measured_ns < 0
-        if unheard and not self._unheard:
-            _log.warning("read only: no SYNC heard yet: drives answer only where another master works on the bus")
-        self._unheard = self._unheard or unheard
+    def _warn_without_sync(self, measured: BusMeasurement) -> None:
+        """Once: a listener receives drives' answers only where another master sends SYNC."""
+        missing = self._readonly and measured.bus_ok and measured.measured_ns < 0
+        if missing and not self._warned:
+            _log.warning(
+                "read only: no SYNC received yet: drives answer only where another master is active on the bus"
+            )
+        self._warned = self._warned or missing
 
     def _reopen(self, now_ns: int) -> None:
-        """The way back after a lost bus: everything is brought up anew, disabled."""
+        """After a lost bus: bring everything up again, disabled."""
         self._reopen_ns = now_ns + _REOPEN_NS
         try:
             self._bus.open()
@@ -125,12 +134,12 @@ class CanBridgeNode(Node):
             _log.warning("%s", error)
 
     def _time(self, decision: Decision, command: StampedCommand | None) -> None:
-        """From the image's capture to its command's first frame on the bus."""
+        """Measure from the image's capture to the first frame of its command on the bus."""
         if command is not None and decision.sequence != self._sequence and decision.sequence >= 0:
             self._sequence = decision.sequence
             self._image_to_can_ns = max(0, self._clock.now_ns() - command.command.capture_ns)
 
-    def _drives(self, measured: Measurement, decision: Decision) -> Drives:
+    def _drives(self, measured: BusMeasurement, decision: Decision) -> Drives:
         bridge = self._bridge
         return Drives(
             state=bridge.state,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from common.canopen.cia402 import Mode
+from common.ceilings import HARD_WHEEL_SPEED_M_S
 from common.config import BaseConfig, FollowerCanConfig
 from follower.can_bridge.axes import Axis, Parameter
 
-HARD_WHEEL_SPEED_M_S = 0.6
 _ARM_NAMES = (
     *((side, f"joint {n}") for side in ("left", "right") for n in (1, 2, 3)),
     ("left", "gripper"),
@@ -32,7 +32,7 @@ def make_axes(config: FollowerCanConfig, base: BaseConfig) -> tuple[Axis, ...]:
 
 
 def make_homing_axes(config: FollowerCanConfig, base: BaseConfig) -> tuple[Axis, ...]:
-    """The same, with those that have to be homed in mode 6 (CiA 402)."""
+    """The same, with axes that have to be homed in mode 6 (CiA 402)."""
     axes = make_axes(config, base)
     for axis in axes:
         homing = axis.config.homing
@@ -53,7 +53,7 @@ def _wheel_ramps(wheel: Axis, config: FollowerCanConfig, base: BaseConfig) -> tu
     per_metre = abs(wheel.counts_per_unit) / base.wheel_radius_m
     ramp = round(config.wheel_ramp_m_s2 * per_metre)
     limit = (0x607F, 0, math.ceil(HARD_WHEEL_SPEED_M_S * per_metre))
-    # turning adds to driving: speeding up may take both, stopping is what SAFETY.md counts on
+    # turning adds to driving: speeding up may use both, stopping is what docs/safety.md relies on
     return (limit, (0x6083, 0, 2 * ramp), (0x6084, 0, ramp), (0x6085, 0, ramp))
 
 

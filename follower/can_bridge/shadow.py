@@ -1,7 +1,7 @@
-"""Shadow: everything runs, nothing moves. The drives are never enabled; the gate judges as if they obeyed.
+"""Shadow: everything runs, nothing moves. The drives are never enabled; the gate decides as if they followed.
 
-Pure. What is published as measured stays what was measured; only the bridge's own judgement sees drives that are in
-operation and wheels that follow what would have been sent, with the drives' ramp.
+Pure. The published measurement stays the real one; only the bridge's own decisions are based on drives that are in
+operation and wheels whose speeds follow the withheld set-points with the drives' ramp.
 """
 
 from __future__ import annotations
@@ -10,30 +10,31 @@ from dataclasses import replace
 
 from common.config import BaseConfig, FollowerCanConfig
 from common.timing import NS_PER_S
-from follower.can_bridge.measurement import DriveSetpoint, Measurement
+from follower.can_bridge.measurement import BusMeasurement, DriveSetpoint
 
 
 class Shadow:
-    """Stands in for drives that obey."""
+    """Stands in for drives that follow their set-points."""
 
     def __init__(self, config: FollowerCanConfig, base: BaseConfig) -> None:
         self._ramp_rad_s2 = 2.0 * config.wheel_ramp_m_s2 / base.wheel_radius_m
-        self._told = (0.0, 0.0)
-        self._rolling = (0.0, 0.0)
+        self._commanded = (0.0, 0.0)
+        self._rolling_rad_s = (0.0, 0.0)
         self._now_ns: int | None = None
 
-    def pretend(self, measured: Measurement) -> Measurement:
-        """The measurement as it would be, had the drives been enabled and obeyed :meth:`withhold`'s set-points."""
+    def pretend(self, measured: BusMeasurement) -> BusMeasurement:
+        """The measurement as it would be, had the drives followed :meth:`withhold`'s set-points."""
         elapsed_ns = measured.now_ns - self._now_ns if self._now_ns is not None else 0
         self._now_ns = measured.now_ns
         step = self._ramp_rad_s2 * max(elapsed_ns, 0) / NS_PER_S
         left, right = (
-            now + min(step, max(-step, told - now)) for now, told in zip(self._rolling, self._told, strict=True)
+            now + min(step, max(-step, commanded - now))
+            for now, commanded in zip(self._rolling_rad_s, self._commanded, strict=True)
         )
-        self._rolling = left, right
-        return replace(measured, wheel_speed_rad_s=self._rolling, wheels_enabled=True, arms_enabled=True)
+        self._rolling_rad_s = left, right
+        return replace(measured, wheel_speed_rad_s=self._rolling_rad_s, wheels_enabled=True, arms_enabled=True)
 
     def withhold(self, setpoint: DriveSetpoint) -> DriveSetpoint:
-        """Remember what would have been sent; what is sent instead: nothing."""
-        self._told = setpoint.left_rad_s, setpoint.right_rad_s
+        """Keep what would have been sent; return what is sent instead: zero."""
+        self._commanded = setpoint.left_rad_s, setpoint.right_rad_s
         return DriveSetpoint()

@@ -10,9 +10,9 @@ from common.config import BaseConfig, Config
 from common.geometry import Array, Pose2, features_at
 from common.messages import Drives
 from common.timing import NS_PER_S
+from follower.standstill import Standstill
 from follower.supervisor.interface import Grip, SupervisorInputs
 from follower.supervisor.reckoning import PoseReckoning
-from follower.supervisor.standstill import Standstill
 
 # what passes by itself stops the robot, and may do so so often within so long; more often it does not pass
 MAX_REARMED, REARMED_WITHIN_S = 3, 20.0

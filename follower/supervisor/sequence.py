@@ -14,6 +14,7 @@ from common.config import Config
 from common.geometry import Array
 from common.messages import Answer, DockRequest, Drives, FollowerSummary, Mission, Phase
 from common.timing import NS_PER_S
+from follower.standstill import Standstill
 from follower.supervisor.attempt import Attempt
 from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs, SupervisorOutputs
 from follower.supervisor.phases.acquire import AcquirePhase, SearchPhase
@@ -23,7 +24,6 @@ from follower.supervisor.phases.lock import LockPhase, ReleasePhase, RetractPhas
 from follower.supervisor.phases.phase import PhaseLogic
 from follower.supervisor.phases.staging import StagingPhase
 from follower.supervisor.reckoning import PoseReckoning
-from follower.supervisor.standstill import Standstill
 from follower.supervisor.transitions import ENDED, FREE, IN_CONTACT, Event, next_phase
 
 _SILENT_NS = NS_PER_S // 4

@@ -7,12 +7,10 @@ from functools import cached_property
 from pathlib import Path
 
 from common.canopen.node import find_eds
-from common.config import FollowerCanConfig, LeaderCanConfig
+from common.config import BATTERY_V_PER_COUNT, FollowerCanConfig, LeaderCanConfig
 from sim.can.bus import SimulatedBus
 from sim.can.drive_402 import Drive402
 from sim.can.io_401 import IoModule401
-
-BATTERY_V_PER_COUNT = 0.01
 
 
 @dataclass(frozen=True)

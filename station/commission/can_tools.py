@@ -15,7 +15,7 @@ from common.canopen.frames import HEARTBEAT, SDO_REQUEST, SDO_RESPONSE, CanFrame
 from common.config import BusConfig, Config
 from common.timing import NS_PER_MS
 from follower.can_bridge.drive_bus import DriveBus
-from follower.can_bridge.measurement import DriveSetpoint, Measurement
+from follower.can_bridge.measurement import BusMeasurement, DriveSetpoint
 
 _ANSWER_S = 0.2
 _NMT_STATES = {0x00: "booting", 0x04: "stopped", 0x05: "operational", 0x7F: "pre-operational"}
@@ -107,7 +107,7 @@ class Monitor:
         """Close the bus."""
         self._drives.close()
 
-    def poll(self, now_ns: int) -> tuple[list[NodeRow], Measurement]:
+    def poll(self, now_ns: int) -> tuple[list[NodeRow], BusMeasurement]:
         """What came since the last call: one row a drive, and the whole."""
         measured = self._drives.exchange(now_ns, DriveSetpoint())
         rows = [

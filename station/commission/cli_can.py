@@ -17,7 +17,7 @@ from common.timing import MonotonicClock
 from station.options import ConfigOption, SetOption, loaded
 
 if TYPE_CHECKING:
-    from follower.can_bridge.measurement import Measurement
+    from follower.can_bridge.measurement import BusMeasurement
     from station.commission.can_tools import NodeRow
 
 can = typer.Typer(no_args_is_help=True, help="Look at a CAN bus and test its axes. `davpc can scan`")
@@ -115,7 +115,7 @@ def _be_punctual() -> None:
         typer.echo(f"no real-time priority ({error.strerror}): a busy machine may end this early", err=True)
 
 
-def _monitor_table(rows: list[NodeRow], measured: Measurement) -> Table:
+def _monitor_table(rows: list[NodeRow], measured: BusMeasurement) -> Table:
     table = Table("node", "name", "state", "position", "velocity", "torque", "age ms", "faults")
     for row in rows:
         values = f"{row.position:+.3f}", f"{row.velocity:+.3f}", f"{row.torque_n_m:+.2f}", f"{row.age_ms:.0f}"

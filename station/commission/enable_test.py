@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Protocol
 
 from common.canopen.cia402 import DriveState
+from common.ceilings import HARD_WHEEL_SPEED_M_S
 from common.config import Config
 from common.timing import NS_PER_MS, NS_PER_S
 from follower.can_bridge.drive_bus import DriveBus
-from follower.can_bridge.measurement import DriveSetpoint, Measurement
-from follower.can_bridge.robot_axes import HARD_WHEEL_SPEED_M_S
+from follower.can_bridge.measurement import BusMeasurement, DriveSetpoint
 
 RIM_SPEED_M_S = 0.1
 BEYOND_M_S = 1.0
@@ -53,7 +53,7 @@ class EnableTest:
         self._config = config
         self._drives = DriveBus(config.follower_can, config.base, config_path)
         self._pace = pace
-        self._measured: Measurement | None = None
+        self._measured: BusMeasurement | None = None
         self._moved: set[int] = set()
 
     def run(self) -> Iterator[Check]:
@@ -87,11 +87,11 @@ class EnableTest:
             yield self._lift(height_m)
         yield self._watchdog()
 
-    def _now(self) -> Measurement:
+    def _now(self) -> BusMeasurement:
         assert self._measured is not None
         return self._measured
 
-    def _hold(self, setpoint: DriveSetpoint, seconds: float) -> Measurement:
+    def _hold(self, setpoint: DriveSetpoint, seconds: float) -> BusMeasurement:
         """Exchange at 100 Hz for so long; the last measurement."""
         due_ns = self._pace.now_ns()
         for _ in range(round(seconds * 100)):
@@ -117,7 +117,9 @@ class EnableTest:
         radius = self._config.base.wheel_radius_m
         rims = [0.0, 0.0]
         rims[side] = rim_m_s
-        seen = self._hold(DriveSetpoint(rims[0] / radius, rims[1] / radius), 0.8).wheel_speed_rad_s
+        seen = self._hold(
+            DriveSetpoint(left_rad_s=rims[0] / radius, right_rad_s=rims[1] / radius), 0.8
+        ).wheel_speed_rad_s
         measured = [speed * radius for speed in seen]
         self._hold(DriveSetpoint(), 0.4)
         right = abs(measured[side] - rim_m_s) <= _SPEED_TOLERANCE * abs(rim_m_s)
@@ -129,7 +131,7 @@ class EnableTest:
         """The drive's own limit holds against a set-point beyond it."""
         radius = self._config.base.wheel_radius_m
         beyond = BEYOND_M_S / radius
-        seen = self._hold(DriveSetpoint(beyond, beyond), 1.5).wheel_speed_rad_s
+        seen = self._hold(DriveSetpoint(left_rad_s=beyond, right_rad_s=beyond), 1.5).wheel_speed_rad_s
         fastest = max(abs(speed) for speed in seen) * radius
         self._hold(DriveSetpoint(), 1.5)
         bound = HARD_WHEEL_SPEED_M_S * (1.0 + 0.02)
@@ -174,7 +176,7 @@ class EnableTest:
     def _watchdog(self) -> Check:
         """Both wheels turning, the heartbeat is withheld: quick stop, latched against what is still commanded."""
         radius = self._config.base.wheel_radius_m
-        rolling = DriveSetpoint(RIM_SPEED_M_S / radius, RIM_SPEED_M_S / radius)
+        rolling = DriveSetpoint(left_rad_s=RIM_SPEED_M_S / radius, right_rad_s=RIM_SPEED_M_S / radius)
         self._hold(rolling, 0.5)
         silent_ns = self._pace.now_ns() - _PERIOD_NS
         self._drives.heartbeat = False
@@ -194,5 +196,5 @@ class EnableTest:
         )
 
 
-def _angles(measured: Measurement) -> tuple[float, ...]:
+def _angles(measured: BusMeasurement) -> tuple[float, ...]:
     return (*measured.joint_angle_rad, *measured.grip_angle_rad)

@@ -15,7 +15,7 @@ from common.errors import ConfigError
 from common.timing import NS_PER_S
 from follower.can_bridge.axes import Axis
 from follower.can_bridge.drive_bus import DriveBus
-from follower.can_bridge.measurement import DriveSetpoint, Measurement
+from follower.can_bridge.measurement import BusMeasurement, DriveSetpoint
 from station.commission.enable_test import Check, Pace
 
 _PERIOD_NS = NS_PER_S // 100
@@ -79,7 +79,7 @@ class Homing:
             self._drives.exchange(self._pace.now_ns(), DriveSetpoint())
 
 
-def _trouble(axis: Axis, measured: Measurement) -> str:
+def _trouble(axis: Axis, measured: BusMeasurement) -> str:
     if measured.troubles:
         return "; ".join(measured.troubles)
     # before the first answers the stop inputs are not known yet

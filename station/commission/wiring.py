@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from common.config import Config, DriveConfig
-from follower.can_bridge.inbound import BATTERY_V_PER_COUNT
+from common.config import BATTERY_V_PER_COUNT, Config, DriveConfig
 from follower.can_bridge.robot_axes import make_axes
 
 _HEAD = {

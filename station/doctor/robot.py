@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from datetime import date
 from pathlib import Path
 
+from common import ceilings
 from common.config import CameraConfig, Config, LimitsConfig
 from common.errors import ConfigError
 from common.messages import DockingState, Drives, Health, LeaderState
-from follower.can_bridge import gate
 from station.calibrate.lens_file import StoredCalibration, age_days, differences
 from station.doctor.findings import Finding, Seen, failed, ok, skipped, warning
 
@@ -31,11 +31,11 @@ def check_configuration(path: Path, told: Seen[Config]) -> Finding:
 def check_limits(limits: LimitsConfig) -> Finding:
     """Configured limits against the gate's hard caps, which configuration can only lower."""
     pairs = (
-        ("v", limits.v_max_m_s, gate.HARD_V_MAX_M_S, "m/s"),
-        ("−v", -limits.v_min_m_s, -gate.HARD_V_MIN_M_S, "m/s"),
-        ("ω", limits.w_max_rad_s, gate.HARD_W_MAX_RAD_S, "rad/s"),
-        ("a", limits.gate_acceleration_m_s2, gate.HARD_ACCELERATION_M_S2, "m/s²"),
-        ("ω̇", limits.gate_angular_acceleration_rad_s2, gate.HARD_ANGULAR_ACCELERATION_RAD_S2, "rad/s²"),
+        ("v", limits.v_max_m_s, ceilings.HARD_V_MAX_M_S, "m/s"),
+        ("−v", -limits.v_min_m_s, -ceilings.HARD_V_MIN_M_S, "m/s"),
+        ("ω", limits.w_max_rad_s, ceilings.HARD_W_MAX_RAD_S, "rad/s"),
+        ("a", limits.gate_acceleration_m_s2, ceilings.HARD_ACCELERATION_M_S2, "m/s²"),
+        ("ω̇", limits.gate_angular_acceleration_rad_s2, ceilings.HARD_ANGULAR_ACCELERATION_RAD_S2, "rad/s²"),
     )
     over = [f"{name} {value:g} > {cap:g} {unit}" for name, value, cap, unit in pairs if value > cap]
     if over:

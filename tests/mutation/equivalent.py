@@ -1,4 +1,4 @@
-"""Mutants that change nothing that anybody could see, each with its reason."""
+"""Mutants without an observable effect, each with its reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mutation test of one module: change it in one place at a time and see whether its tests notice.
+"""Mutation test of one module: change it in one place at a time and check whether its tests notice.
 
 ``python -m tests.mutation.mutate follower/can_bridge/gate.py tests/unit/follower/can_bridge/test_gate.py …`` prints
 every survivor and exits with 1 if there is one that ``EQUIVALENT`` does not list with its reason.
@@ -138,7 +138,7 @@ def _constant(tree: ast.Module, node: ast.Constant) -> bool:
 
 
 def _scale(node: ast.Constant) -> bool:
-    """Small constants also by a little, so that tests have to know them."""
+    """Constants also by a little, so that tests have to know their exact value."""
     if isinstance(node.value, float) and node.value:
         node.value *= 1.02
         return True

@@ -10,7 +10,8 @@ from common.canopen.frames import CanFrame
 from common.config import Config, FollowerCanConfig, load_config
 from common.timing import NS_PER_MS, SteppedClock
 from follower.can_bridge.drive_bus import DriveBus
-from follower.can_bridge.measurement import DriveSetpoint, Measurement
+from follower.can_bridge.gate import StopInputs, WheelStatus
+from follower.can_bridge.measurement import BusMeasurement, DriveSetpoint
 from sim.can.nodes import FollowerBus, LeaderBus
 from sim.can.stepped_bus import SteppedBus, SteppedChannel
 
@@ -43,13 +44,13 @@ class Rig:
         self.wheels_turn = True
         self._angles = [0.0, 0.0]
 
-    def cycle(self, setpoint: DriveSetpoint | None = None, period_ms: float = 10.0) -> Measurement:
+    def cycle(self, setpoint: DriveSetpoint | None = None, period_ms: float = 10.0) -> BusMeasurement:
         """One exchange, then a period of the simulated world."""
         measurement = self.drives.exchange(self.clock.now_ns(), setpoint or DriveSetpoint())
         self.pass_time(period_ms)
         return measurement
 
-    def cycles(self, count: int, setpoint: DriveSetpoint | None = None) -> Measurement:
+    def cycles(self, count: int, setpoint: DriveSetpoint | None = None) -> BusMeasurement:
         """Several cycles; the last one's measurement."""
         for _ in range(count - 1):
             self.cycle(setpoint)
@@ -68,7 +69,7 @@ class Rig:
                 wheel.set_measured(self._angles[n], speed, 0.1 * speed)
             self.channel.tick()
 
-    def enable(self) -> Measurement:
+    def enable(self) -> BusMeasurement:
         """Open, request operation and wait until every drive is in it."""
         self.drives.open()
         self.drives.enable()
@@ -106,10 +107,32 @@ def leader_rig() -> Iterator[tuple[Config, LeaderBus, SteppedChannel, SteppedClo
         yield config, leader, channel, clock
 
 
-def rim_speed(metres_per_second: float, config: Config) -> DriveSetpoint:
-    """Both wheels at this rim speed."""
-    wheel = metres_per_second / config.base.wheel_radius_m
+def wheel_surface_speed(speed_m_s: float, config: Config) -> DriveSetpoint:
+    """Both wheels at this surface speed."""
+    wheel = speed_m_s / config.base.wheel_radius_m
     return DriveSetpoint(left_rad_s=wheel, right_rad_s=wheel)
+
+
+def wheel_status(measured: BusMeasurement) -> WheelStatus:
+    """What the gate gets of a measurement, while only the wheels have to be enabled."""
+    speed, angle = measured.wheel_speed_rad_s, measured.wheel_angle_rad
+    return WheelStatus(
+        measured_ns=measured.measured_ns,
+        left_rad_s=speed[0],
+        right_rad_s=speed[1],
+        left_rad=angle[0],
+        right_rad=angle[1],
+        drives_enabled=measured.wheels_enabled,
+    )
+
+
+def stop_inputs(measured: BusMeasurement) -> StopInputs:
+    """The stop inputs of a measurement."""
+    return StopInputs(
+        fresh=measured.inputs_fresh,
+        estop_clear=measured.estop_clear,
+        protective_clear=measured.protective_clear,
+    )
 
 
 class Tap:
@@ -133,7 +156,7 @@ class Tap:
 
 
 def is_stop(frame: CanFrame, node_id: int) -> bool:
-    """An RPDO that tells this wheel to quick-stop or to go at zero."""
+    """An RPDO that commands quick stop or zero speed to this wheel."""
     if frame.can_id != 0x200 + node_id:
         return False
     word, velocity = int.from_bytes(frame.data[:2], "little"), int.from_bytes(frame.data[2:], "little")

@@ -38,16 +38,33 @@ def command(v: float = 0.3, w: float = 0.0, sequence: int = 1, stamp_ns: int = T
 
 
 def stamped(sealed: Command, run_id: int = 5, boot_id: str = BOOT) -> StampedCommand:
-    return StampedCommand(sealed, run_id, boot_id)
+    return StampedCommand(command=sealed, run_id=run_id, boot_id=boot_id)
 
 
 def token(stamp_ns: int = T0, **changes: Any) -> ArmToken:
-    return replace(ArmToken(True, stamp_ns, BOOT, 7, "approach", 0.5, 0.6), **changes)
+    return replace(
+        ArmToken(
+            armed=True, stamp_ns=stamp_ns, boot_id=BOOT, epoch=7, phase="approach", v_max_m_s=0.5, w_max_rad_s=0.6
+        ),
+        **changes,
+    )
 
 
-def wheels(v: float, now_ns: int, w: float = 0.0, enabled: bool = True) -> WheelStatus:
+def wheels(v: float, now_ns: int, w: float = 0.0, drives_enabled: bool = True) -> WheelStatus:
     turn = w * TRACK / 2
-    return WheelStatus(now_ns, (v - turn) / RADIUS, (v + turn) / RADIUS, enabled, 0.0, 0.0)
+    return surfaces(v - turn, v + turn, now_ns, drives_enabled)
+
+
+def surfaces(left_m_s: float, right_m_s: float, now_ns: int, drives_enabled: bool = True) -> WheelStatus:
+    """Measured surface speeds, at angle 0."""
+    return WheelStatus(
+        measured_ns=now_ns,
+        left_rad_s=left_m_s / RADIUS,
+        right_rad_s=right_m_s / RADIUS,
+        left_rad=0.0,
+        right_rad=0.0,
+        drives_enabled=drives_enabled,
+    )
 
 
 class Bench:

@@ -1,6 +1,6 @@
 """A random walk through the gate's inputs, and what must hold at every step whatever they were.
 
-The judgement is written anew from SAFETY.md, without a look at the gate's state.
+The checks are written independently from docs/safety.md, layer 2; they do not look at the gate's state.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections import deque
 from random import Random
 
 from common.config import BaseConfig, LimitsConfig
-from common.messages import PHASES, Command, command_checksum, seal_command
+from common.messages import PHASES, Command, Phase, command_checksum, seal_command
 from follower.can_bridge.gate import ArmToken, Decision, Gate, StampedCommand, StopInputs, WheelStatus
 
 MS = 1_000_000
@@ -47,17 +47,19 @@ class Walk:
         self.now_ns = 10_000 * MS
         self.epoch = 1
         self.sequence = 0
-        self.phase = "approach"
+        self.phase: Phase = "approach"
         self.target = (0.3, 0.1)
         self.measured = [0.0, 0.0]
-        self.ways_m = [0.0, 0.0]
+        self.paths_m = [0.0, 0.0]
         self.jumped_epoch = 0
         self.newest: StampedCommand | None = None
         self.offered: deque[StampedCommand] = deque(maxlen=64)
         self.last = (0.0, 0.0)
         self.last_ns = self.now_ns
         self.window: deque[tuple[int, float, float]] = deque()
-        self.status = WheelStatus(-1, 0.0, 0.0, True, 0.0, 0.0)
+        self.status = WheelStatus(
+            measured_ns=-1, left_rad_s=0.0, right_rad_s=0.0, drives_enabled=True, left_rad=0.0, right_rad=0.0
+        )
         self.moved = 0
 
     def step(self) -> Decision:
@@ -67,7 +69,7 @@ class Walk:
         token = self._token()
         self._measure()
         chance = self.random.random()
-        inputs = StopInputs(chance > 0.003, chance > 0.006, chance > 0.009)
+        inputs = StopInputs(fresh=chance > 0.003, estop_clear=chance > 0.006, protective_clear=chance > 0.009)
         decision = self.gate.step(self.now_ns, self.newest, token, self.status, inputs)
         self._judge(decision, token, inputs)
         self.last, self.last_ns = (decision.v_m_s, decision.w_rad_s), self.now_ns
@@ -119,7 +121,7 @@ class Walk:
         )
         if draw < 0.0015:
             object.__setattr__(command, "v_m_s", self.random.choice((math.nan, math.inf, 0.4)))
-        self.newest = StampedCommand(command, run_id, boot_id)
+        self.newest = StampedCommand(command=command, run_id=run_id, boot_id=boot_id)
         self.offered.append(self.newest)
 
     def _token(self) -> ArmToken | None:
@@ -135,12 +137,20 @@ class Walk:
             self.random.randrange(0, 500 * MS) if draw < 0.02 else self.random.randrange(0, 60 * MS)
         )
         cap = 0.5 if draw < 0.95 else self.random.choice((0.0, 0.05, 0.1, math.nan, -1.0, 9.0))
-        return ArmToken(draw > 0.002, stamp, BOOT, self.epoch, self.phase, cap, 0.6)  # type: ignore[arg-type]
+        return ArmToken(
+            armed=draw > 0.002,
+            stamp_ns=stamp,
+            boot_id=BOOT,
+            epoch=self.epoch,
+            phase=self.phase,
+            v_max_m_s=cap,
+            w_max_rad_s=0.6,
+        )
 
     def _measure(self) -> None:
         turn = self.last[1] * BASE.track_m / 2
-        for side, rim in enumerate((self.last[0] - turn, self.last[0] + turn)):
-            step = max(-0.01, min(0.01, rim - self.measured[side]))
+        for side, surface in enumerate((self.last[0] - turn, self.last[0] + turn)):
+            step = max(-0.01, min(0.01, surface - self.measured[side]))
             self.measured[side] += step
         left, right = self.measured
         draw = self.random.random()
@@ -149,15 +159,22 @@ class Walk:
         measured_ns = self.now_ns - (self.random.randrange(0, 80 * MS) if draw > 0.99 else 10 * MS)
         radius, before = BASE.wheel_radius_m, self.status
         elapsed_ns = max(0, measured_ns - before.measured_ns) if before.measured_ns >= 0 else 0
-        ways = [way + speed * elapsed_ns * 1e-9 for way, speed in zip(self.ways_m, self.measured, strict=True)]
+        paths = [path + speed * elapsed_ns * 1e-9 for path, speed in zip(self.paths_m, self.measured, strict=True)]
         if 0.0005 < draw < 0.001:
-            ways[self.random.randrange(2)] += self.random.uniform(-0.2, 0.2)
-        farthest = max(abs(now - then) for now, then in zip(ways, self.ways_m, strict=True))
+            paths[self.random.randrange(2)] += self.random.uniform(-0.2, 0.2)
+        farthest = max(abs(now - then) for now, then in zip(paths, self.paths_m, strict=True))
         if farthest > 0.05 + EPS and 0 <= measured_ns - before.measured_ns <= 50 * MS:
             self.jumped_epoch = self.epoch
-        self.ways_m = ways
-        angles = ways[0] / radius, ways[1] / radius
-        self.status = WheelStatus(measured_ns, left / radius, right / radius, draw < 0.998, *angles)
+        self.paths_m = paths
+        angles = paths[0] / radius, paths[1] / radius
+        self.status = WheelStatus(
+            measured_ns=measured_ns,
+            left_rad_s=left / radius,
+            right_rad_s=right / radius,
+            drives_enabled=draw < 0.998,
+            left_rad=angles[0],
+            right_rad=angles[1],
+        )
 
     # -- judging
 
@@ -170,11 +187,11 @@ class Walk:
         self.moved += 1
         assert decision.rule == ""
         assert self.epoch != self.jumped_epoch
-        assert inputs == StopInputs(True, True, True)
+        assert inputs == StopInputs(fresh=True, estop_clear=True, protective_clear=True)
         self._judge_token(token, v, w)
         self._judge_command(decision)
         assert 0 <= self.now_ns - self.status.measured_ns <= 50 * MS
-        assert self.status.enabled
+        assert self.status.drives_enabled
         self._judge_growth(v, LIMITS.gate_acceleration_m_s2, 0)
         self._judge_growth(w, LIMITS.gate_angular_acceleration_rad_s2, 1)
 
@@ -203,7 +220,7 @@ class Walk:
         assert genuine
         if self.last == (0.0, 0.0):
             v, w = decision.v_m_s, decision.w_rad_s
-            assert any(abs(v * told.w_rad_s - w * told.v_m_s) < EPS for told in genuine)
+            assert any(abs(v * command.w_rad_s - w * command.v_m_s) < EPS for command in genuine)
 
     def _judge_growth(self, value: float, rate: float, axis: int) -> None:
         """Away from zero: at most the rate since the last frame, and over 250 ms at most what the rate allows."""

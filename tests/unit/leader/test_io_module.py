@@ -38,7 +38,7 @@ def test_leader_module_lights_leds_and_keeps_them_on_silence() -> None:
         assert leader.led_setpoint_a(0) == 1.0
 
 
-def test_leader_module_that_restarts_has_to_be_opened_anew() -> None:
+def test_leader_module_that_restarts_has_to_be_opened_again() -> None:
     with leader_rig() as (config, leader, channel, clock):
         io = LeaderIo(config.leader_can, CONFIG_PATH, leds=4)
         with pytest.raises(BusLostError, match="not open"):

@@ -16,14 +16,14 @@ from tests.rigs.canbus_rig import stepped_config
 MS = 1_000_000
 NOW = 5_000 * MS
 CONFIG = stepped_config().follower_can
-STILL = ArmMeasurement(NOW, (0.0,) * 8)
+STILL = ArmMeasurement(measured_ns=NOW, angles_rad=(0.0,) * 8)
 
 
 def arms(
     joints: tuple[float, ...] = (3.0,) * 6, grips: tuple[float, float] = (2.0, 2.0), stamp_ns: int = NOW, **other: Any
 ) -> StampedArms:
-    told = ArmSetpoint(other.get("epoch", 7), joints, grips, other.get("lift_m", 0.2))
-    return StampedArms(told, stamp_ns, other.get("boot_id", "boot"))
+    setpoint = ArmSetpoint(other.get("epoch", 7), joints, grips, other.get("lift_m", 0.2))
+    return StampedArms(setpoint=setpoint, stamp_ns=stamp_ns, boot_id=other.get("boot_id", "boot"))
 
 
 def step(newest: StampedArms | None, epoch: int = 7) -> ArmDecision:
@@ -32,7 +32,9 @@ def step(newest: StampedArms | None, epoch: int = 7) -> ArmDecision:
 
 def test_passes_what_is_within_the_limits() -> None:
     decision = step(arms())
-    assert decision == ArmDecision((3.0,) * 6, (2.0, 2.0), 0.2, "", ())
+    assert decision == ArmDecision(
+        joint_torque_n_m=(3.0,) * 6, grip_torque_n_m=(2.0, 2.0), lift_m=0.2, rule="", clipped=()
+    )
 
 
 @pytest.mark.parametrize(
@@ -50,7 +52,9 @@ def test_passes_nothing_that_is_not_genuine(newest: StampedArms | None, rule: st
     decision = step(newest)
     assert decision.rule == rule
     if rule:
-        assert decision == ArmDecision((0.0,) * 6, (0.0, 0.0), None, rule, ())
+        assert decision == ArmDecision(
+            joint_torque_n_m=(0.0,) * 6, grip_torque_n_m=(0.0, 0.0), lift_m=None, rule=rule, clipped=()
+        )
 
 
 @pytest.mark.parametrize("field", ["joint_torque_n_m", "grip_torque_n_m", "lift_m"])
@@ -76,7 +80,7 @@ def test_caps_torques_at_what_a_drive_may_give() -> None:
 def test_does_not_push_a_joint_that_is_too_fast(speed: float, kept: float) -> None:
     gate = ArmGate(CONFIG, "boot")
     gate.step(NOW, arms(), 7, STILL)
-    moved = ArmMeasurement(NOW + 10 * MS, (speed * 0.01, *(0.0,) * 7))
+    moved = ArmMeasurement(measured_ns=NOW + 10 * MS, angles_rad=(speed * 0.01, *(0.0,) * 7))
     for _ in range(2):
         decision = gate.step(NOW + 10 * MS, arms(), 7, moved)
         assert decision.joint_torque_n_m == (kept, *(3.0,) * 5)
@@ -86,7 +90,7 @@ def test_does_not_push_a_joint_that_is_too_fast(speed: float, kept: float) -> No
 def test_a_lost_encoder_passes_nothing() -> None:
     gate = ArmGate(CONFIG, "boot")
     gate.step(NOW, arms(), 7, STILL)
-    lost = ArmMeasurement(NOW + 10 * MS, (math.nan, *(0.0,) * 7))
+    lost = ArmMeasurement(measured_ns=NOW + 10 * MS, angles_rad=(math.nan, *(0.0,) * 7))
     assert gate.step(NOW + 10 * MS, arms(), 7, lost).rule == "arm_not_measured"
 
 
@@ -107,8 +111,13 @@ def test_a_joint_whose_angle_jumps_passes_nothing(joint: int, step_rad: float, a
     angles[joint] = step_rad
     later = NOW + after_ms * MS
     for _ in range(2):
-        assert gate.step(later, arms(stamp_ns=later), 7, ArmMeasurement(later, tuple(angles))).rule == rule
-    settled = ArmMeasurement(later + 10 * MS, tuple(angles))
+        assert (
+            gate.step(
+                later, arms(stamp_ns=later), 7, ArmMeasurement(measured_ns=later, angles_rad=tuple(angles))
+            ).rule
+            == rule
+        )
+    settled = ArmMeasurement(measured_ns=later + 10 * MS, angles_rad=tuple(angles))
     assert gate.step(later + 10 * MS, arms(stamp_ns=later), 7, settled).rule == ""
 
 
@@ -120,7 +129,7 @@ def test_whatever_is_asked_stays_within_the_caps(torques: list[float], angles: l
     gate = ArmGate(CONFIG, "boot")
     gate.step(NOW, None, 7, STILL)
     newest = arms(tuple(torques[:6]), (torques[6], torques[7]))
-    decision = gate.step(NOW, newest, 7, ArmMeasurement(NOW + MS, tuple(angles)))
+    decision = gate.step(NOW, newest, 7, ArmMeasurement(measured_ns=NOW + MS, angles_rad=tuple(angles)))
     given_out = (*decision.joint_torque_n_m, *decision.grip_torque_n_m)
     for torque, asked, angle, cap in zip(given_out, torques, angles, (25.0,) * 6 + (6.0,) * 2, strict=True):
         assert abs(torque) <= min(cap, abs(asked))

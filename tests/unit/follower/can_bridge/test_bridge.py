@@ -63,7 +63,7 @@ def test_an_encoder_whose_angle_jumps_stops_and_disarms(rig: Rig, angles: dict[s
     assert rig.run(2) == "armed"
 
 
-def test_arms_are_not_enabled_before_somebody_leads_them_under_the_new_epoch(rig: Rig) -> None:
+def test_arms_are_not_enabled_before_their_first_setpoint_under_the_new_epoch(rig: Rig) -> None:
     rig.mission = replace(rig.mission, armed=False)
     assert rig.run(2) == "disarmed"
     rig.mission = replace(rig.mission, armed=True, epoch=rig.mission.epoch + 1)
@@ -126,17 +126,17 @@ def test_a_restarted_bridge_refuses_the_epoch_that_it_finds_armed(config: Config
 
 
 def test_after_a_stall_of_the_bridge_a_new_epoch_waits_until_the_latch_is_released(rig: Rig) -> None:
-    rig.measured = replace(rig.measured, stalled="bridge: stood still for 99 ms", wheels_enabled=False)
-    rolling = replace(rig.measured, wheel_speed_rad_s=(2.0, 2.0))
-    rig.measured = rolling
+    rig.measured = replace(rig.measured, stalled="bridge: stalled for 99 ms", wheels_enabled=False)
+    rig.roll(2.0, 2.0)
     assert rig.run(10) == "stopped"
     assert rig.bridge.cause == "bridge_stalled"
     rig.mission = replace(rig.mission, epoch=rig.mission.epoch + 1)
     rig.power.clear()
-    assert rig.run(20) == "enabling"
+    assert rig.run(100) == "enabling"
+    rig.roll(0.0, 0.0)
+    assert rig.run(65) == "enabling"
     assert set(rig.power) == {"stop_arms"}
-    rig.measured = replace(rig.measured, wheel_speed_rad_s=(0.0, 0.0))
-    assert rig.run(52) == "enabling"
+    assert rig.run(10) == "enabling"
     assert rig.power[-1] == "disable"
     assert "enable" not in rig.power
     rig.measured = replace(rig.measured, stalled="")
@@ -147,7 +147,7 @@ def test_after_a_stall_of_the_bridge_a_new_epoch_waits_until_the_latch_is_releas
 
 
 def test_a_stall_stops_the_epoch_in_which_it_came_for_good(rig: Rig) -> None:
-    rig.measured = replace(rig.measured, stalled="bridge: stood still for 99 ms")
+    rig.measured = replace(rig.measured, stalled="bridge: stalled for 99 ms")
     assert rig.run(3) == "stopped"
     rig.measured = replace(rig.measured, stalled="")
     assert rig.run(60) == "stopped"
@@ -174,9 +174,33 @@ def test_faults_are_acknowledged_once_on_request_and_only_disarmed(rig: Rig) -> 
 
 
 def test_disarmed_it_disables_after_half_a_second_of_standstill(rig: Rig) -> None:
+    rig.run(20)
     rig.mission = replace(rig.mission, armed=False)
     rig.power.clear()
-    rig.run(30)
+    rig.run(50)
     assert "disable" not in rig.power
-    rig.run(30)
+    rig.run()
+    assert rig.power[-1] == "disable"
+
+
+@pytest.mark.parametrize("speeds", [(2.0, 2.0), (-0.1, 0.1)])
+def test_it_does_not_disable_while_it_drives_or_turns_on_the_spot(rig: Rig, speeds: tuple[float, float]) -> None:
+    rig.mission = replace(rig.mission, armed=False)
+    rig.roll(*speeds)
+    rig.run(200)
+    assert "disable" not in rig.power
+    rig.roll(0.0, 0.0)
+    rig.run(50)
+    assert "disable" not in rig.power
+    rig.run(22)
+    assert rig.power[-1] == "disable"
+
+
+def test_wheels_whose_speed_reads_noise_at_rest_stand(rig: Rig) -> None:
+    rig.run(20)
+    rig.mission = replace(rig.mission, armed=False)
+    for n in range(51):
+        noise = 0.2 if n % 2 else -0.2
+        rig.measured = replace(rig.measured, wheel_speed_rad_s=(noise, noise))
+        rig.run()
     assert rig.power[-1] == "disable"

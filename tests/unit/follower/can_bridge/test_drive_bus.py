@@ -20,8 +20,8 @@ from tests.rigs.canbus_rig import (
     DRIVE_EDS,
     follower_rig,
     rig_with,
-    rim_speed,
     stepped_config,
+    wheel_surface_speed,
 )
 
 
@@ -31,7 +31,7 @@ def test_enables_drives_and_quick_stops() -> None:
         assert measured.troubles == ()
         assert measured.wheels_enabled
         assert measured.arms_enabled
-        setpoint = rim_speed(0.3, rig.config)
+        setpoint = wheel_surface_speed(0.3, rig.config)
         measured = rig.cycles(120, setpoint)
         assert measured.wheel_speed_rad_s == pytest.approx((0.3 / 0.085, 0.3 / 0.085), rel=1e-3)
         assert measured.wheel_angle_rad[0] > 2.0
@@ -72,7 +72,12 @@ def test_signs_and_ratios_hold_on_each_axis() -> None:
             drive.set_measured(0.1 * n, 0.0, 0.5 * n)
         rig.enable()
         torques = (1.0, -2.0, 3.0, -4.0, 5.0, -6.0)
-        measured = rig.cycles(50, DriveSetpoint(0.0, 0.0, torques, (2.0, -1.5), 0.12))
+        measured = rig.cycles(
+            50,
+            DriveSetpoint(
+                left_rad_s=0.0, right_rad_s=0.0, joint_torque_n_m=torques, grip_torque_n_m=(2.0, -1.5), lift_m=0.12
+            ),
+        )
         assert measured.joint_angle_rad == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5], abs=1e-4)
         assert measured.joint_torque_n_m == pytest.approx([0.0, 0.5, 1.0, 1.5, 2.0, 2.5], abs=0.02)
         assert measured.grip_angle_rad == pytest.approx((0.6, 0.7), abs=1e-4)
@@ -94,7 +99,7 @@ def test_lift_takes_a_second_setpoint() -> None:
 def test_drives_stop_by_themselves_when_the_bridge_is_silent() -> None:
     with follower_rig() as rig:
         rig.enable()
-        setpoint = rim_speed(0.3, rig.config)
+        setpoint = wheel_surface_speed(0.3, rig.config)
         rig.cycles(100, setpoint)
         rig.pass_time(68)  # 10 ms of the last cycle have passed already
         assert rig.robot.left_wheel.enabled
@@ -104,7 +109,7 @@ def test_drives_stop_by_themselves_when_the_bridge_is_silent() -> None:
         rig.pass_time(700)
         measured = rig.cycles(20, setpoint)
         assert (measured.faults, measured.silent) == ((), ())
-        assert "bridge: stood still for 7" in measured.stalled
+        assert "bridge: stalled for 7" in measured.stalled
         assert rig.robot.left_wheel.state.value == 0x40
         assert rig.robot.left_wheel.velocity_setpoint_rad_s == 0.0
         rig.drives.disable()
@@ -113,7 +118,7 @@ def test_drives_stop_by_themselves_when_the_bridge_is_silent() -> None:
         assert rig.cycles(8).wheels_enabled
 
 
-def test_a_fault_of_a_drive_is_told_during_a_stall_of_the_bridge() -> None:
+def test_a_fault_of_a_drive_is_reported_during_a_stall_of_the_bridge() -> None:
     with follower_rig() as rig:
         rig.enable()
         rig.robot.joints[0].trip(0x2310)
@@ -152,14 +157,14 @@ class _LateTap(CanBus):
         other.close()
 
 
-def test_a_bus_on_which_another_master_works_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bus_with_another_active_master_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     with follower_rig() as rig:
         rig.enable()
-        rolling = rim_speed(0.2, rig.config)
+        rolling = wheel_surface_speed(0.2, rig.config)
         rig.cycles(80, rolling)
         second = DriveBus(rig.config.follower_can, rig.config.base, CONFIG_PATH)
         monkeypatch.setattr("follower.can_bridge.drive_bus.CanBus", _LateTap)
-        with pytest.raises(DeviceError, match=r"another master works on it \(heartbeat of node 127\): stop its"):
+        with pytest.raises(DeviceError, match=r"another master is active on it \(heartbeat of node 127\): stop its"):
             second.open()
         measured = rig.cycles(5, rolling)
         assert measured.faults == ()
@@ -176,14 +181,14 @@ def test_another_device_is_refused_by_name() -> None:
 def test_stopped_within_an_exchange_it_does_not_send_the_rest_of_it_later() -> None:
     with follower_rig() as rig:
         rig.enable()
-        setpoint = rim_speed(0.3, rig.config)
+        setpoint = wheel_surface_speed(0.3, rig.config)
         rig.cycles(100, setpoint)
         late_ns = iter((0, *[10 * NS_PER_S] * 100))
         now_ns = rig.clock.now_ns()
         drives = rig.drives
         drives._clock_ns = lambda: now_ns + next(late_ns)  # it is stopped behind the first wheel's frame
         measured = drives.exchange(now_ns, setpoint)
-        assert measured.stalled == "bridge: stood still for 10000 ms"
+        assert measured.stalled == "bridge: stalled for 10000 ms"
         rig.pass_time(10)
         assert rig.robot.right_wheel.state.value == 0x07
         drives.exchange(rig.clock.now_ns(), setpoint)

@@ -1,4 +1,4 @@
-"""Each fault that can be switched on at the simulated bus ends in the reaction that SAFETY.md names, in its time."""
+"""Each fault that the simulated bus can have ends in the reaction that docs/safety.md names, in its time."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from common.canopen.frames import CanFrame, nmt_frame
 from common.errors import DeviceError
 from common.messages import Command, seal_command
 from common.timing import NS_PER_MS
-from follower.can_bridge.gate import ArmToken, Decision, Gate, StampedCommand, StopInputs, WheelStatus
-from follower.can_bridge.measurement import DriveSetpoint, Measurement
+from follower.can_bridge.gate import ArmToken, Decision, Gate, StampedCommand
+from follower.can_bridge.measurement import BusMeasurement, DriveSetpoint
 from sim.can.drive_402 import PowerState
 from sim.can.faults import EncoderFault
-from tests.rigs.canbus_rig import Rig, Tap, follower_rig, is_stop, rim_speed
+from tests.rigs.canbus_rig import Rig, Tap, follower_rig, is_stop, stop_inputs, wheel_status, wheel_surface_speed
 
 
 class Driving:
-    """A Follower under way through the gate, at 0.3 m/s unless told otherwise, and a tap on its bus."""
+    """A Follower under way through the gate, at 0.3 m/s unless given another speed, and a tap on its bus."""
 
     def __init__(self, rig: Rig, speed_m_s: float = 0.3) -> None:
         self.rig = rig
@@ -43,18 +43,18 @@ class Driving:
         )
         self.decision = self.gate.step(
             now_ns,
-            StampedCommand(command, 1, "boot"),
-            ArmToken(True, now_ns, "boot", 1, "approach", 0.5, 0.6),
-            WheelStatus(
-                measured.measured_ns, *measured.wheel_speed_rad_s, measured.wheels_enabled, *measured.wheel_angle_rad
+            StampedCommand(command=command, run_id=1, boot_id="boot"),
+            ArmToken(
+                armed=True, stamp_ns=now_ns, boot_id="boot", epoch=1, phase="approach", v_max_m_s=0.5, w_max_rad_s=0.6
             ),
-            StopInputs(measured.inputs_fresh, measured.estop_clear, measured.protective_clear),
+            wheel_status(measured),
+            stop_inputs(measured),
         )
         wheel = self.decision.v_m_s / base.wheel_radius_m
-        self.measured = self.rig.cycle(DriveSetpoint(wheel, wheel))
+        self.measured = self.rig.cycle(DriveSetpoint(left_rad_s=wheel, right_rad_s=wheel))
         return self.decision
 
-    def stop_ms(self, within: int = 30) -> tuple[float, Measurement]:
+    def stop_ms(self, within: int = 30) -> tuple[float, BusMeasurement]:
         """Time from now to the first frames that stop both wheels; the measurement that came with them."""
         start_ns = self.rig.clock.now_ns()
         ids = (self.rig.robot.left_wheel.node_id, self.rig.robot.right_wheel.node_id)
@@ -182,7 +182,7 @@ def test_a_stuck_encoder_from_standstill_stops_it() -> None:
         assert rig.robot.left_wheel.velocity_setpoint_rad_s * rig.config.base.wheel_radius_m < 0.2
 
 
-def test_bus_off_loses_the_bus_and_the_way_back_is_disabled(driving: Driving) -> None:
+def test_bus_off_loses_the_bus_and_it_comes_back_disabled(driving: Driving) -> None:
     rig = driving.rig
     rig.robot.bus.faults.bus_off = True
     for _ in range(20):
@@ -194,13 +194,13 @@ def test_bus_off_loses_the_bus_and_the_way_back_is_disabled(driving: Driving) ->
         rig.drives.open()
     rig.robot.bus.faults.bus_off = False
     rig.drives.open()
-    measured = rig.cycles(10, rim_speed(0.3, rig.config))
+    measured = rig.cycles(10, wheel_surface_speed(0.3, rig.config))
     assert measured.bus_ok
     assert measured.states[0] is not DriveState.ENABLED
     assert not rig.robot.left_wheel.enabled or rig.robot.left_wheel.state == PowerState.QUICK_STOP_ACTIVE
 
 
-def test_a_restarted_node_is_brought_up_anew(driving: Driving) -> None:
+def test_a_restarted_node_is_brought_up_again(driving: Driving) -> None:
     rig = driving.rig
     rig.robot.bus.faults.injected += rig.robot.left_wheel.handle(nmt_frame(0x81, 1), rig.clock.now_ns())
     driving.step()
@@ -212,7 +212,7 @@ def test_a_restarted_node_is_brought_up_anew(driving: Driving) -> None:
     assert rig.enable().wheels_enabled
 
 
-def test_a_fault_stays_until_somebody_resets_it(driving: Driving) -> None:
+def test_a_fault_stays_until_it_is_reset(driving: Driving) -> None:
     rig = driving.rig
     rig.robot.left_wheel.trip(0x2310)
     rig.cycles(120)

@@ -13,7 +13,6 @@ from follower.can_bridge.gate import (
     Gate,
     StampedCommand,
     StopInputs,
-    WheelStatus,
 )
 from tests.rigs.gate_rig import (
     BASE,
@@ -68,9 +67,9 @@ def test_both_grow_together() -> None:
 @pytest.mark.parametrize(
     ("rule", "given"),
     [
-        ("stop_input", {"inputs": StopInputs(False, True, True)}),
-        ("stop_input", {"inputs": StopInputs(True, False, True)}),
-        ("stop_input", {"inputs": StopInputs(True, True, False)}),
+        ("stop_input", {"inputs": StopInputs(fresh=False, estop_clear=True, protective_clear=True)}),
+        ("stop_input", {"inputs": StopInputs(fresh=True, estop_clear=False, protective_clear=True)}),
+        ("stop_input", {"inputs": StopInputs(fresh=True, estop_clear=True, protective_clear=False)}),
         ("not_armed", {"token": None}),
         ("not_armed", {"token": token(armed=False)}),
         ("not_armed", {"token": token(boot_id="other")}),
@@ -79,11 +78,23 @@ def test_both_grow_together() -> None:
         ("token_caps", {"token": token(T0 + 1000 * MS, v_max_m_s=-0.1)}),
         ("token_caps", {"token": token(T0 + 1000 * MS, w_max_rad_s=-0.1)}),
         ("status_age", {"status": wheels(0.3, -1)}),
-        ("not_enabled", {"status": wheels(0.3, T0 + 1000 * MS, enabled=False)}),
-        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, math.nan, 3.5, True, 0.0, 0.0)}),
-        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, math.inf, True, 0.0, 0.0)}),
-        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, 3.5, True, math.nan, 0.0)}),
-        ("measured_jump", {"status": WheelStatus(T0 + 1000 * MS, 3.5, 3.5, True, 0.0, -math.inf)}),
+        ("not_enabled", {"status": wheels(0.3, T0 + 1000 * MS, drives_enabled=False)}),
+        (
+            "measured_jump",
+            {"status": replace(wheels(0.3, T0 + 1000 * MS), left_rad_s=math.nan)},
+        ),
+        (
+            "measured_jump",
+            {"status": replace(wheels(0.3, T0 + 1000 * MS), right_rad_s=math.inf)},
+        ),
+        (
+            "measured_jump",
+            {"status": replace(wheels(0.3, T0 + 1000 * MS), left_rad=math.nan)},
+        ),
+        (
+            "measured_jump",
+            {"status": replace(wheels(0.3, T0 + 1000 * MS), right_rad=-math.inf)},
+        ),
     ],
 )
 def test_stops_at_once(rule: str, given: dict[str, Any]) -> None:
@@ -202,7 +213,7 @@ def test_the_same_command_again_is_not_a_new_one() -> None:
         assert (decision.dropped, decision.rule, decision.sequence) == ("", "", 4)
 
 
-def test_the_first_sequence_may_be_zero_and_each_epoch_counts_anew() -> None:
+def test_the_first_sequence_may_be_zero_and_each_epoch_counts_again() -> None:
     bench = Bench()
     assert bench.step(stamped(command(0.3, sequence=0, stamp_ns=bench.now_ns))).sequence == 0
     bench.step(stamped(command(0.3, sequence=50, stamp_ns=bench.now_ns)))
@@ -249,7 +260,10 @@ def test_latches_until_the_next_epoch(rule: str) -> None:
 
 def test_a_jump_before_the_first_mission_latches_until_it() -> None:
     bench = Bench(epoch=1)
-    before = bench.step(token=None, status=WheelStatus(T0, math.nan, 0.0, True, 0.0, 0.0))
+    before = bench.step(
+        token=None,
+        status=replace(wheels(0.0, T0), left_rad_s=math.nan),
+    )
     assert (before.rule, before.sequence) == ("not_armed", -1)
     assert bench.step(stamped(command(sequence=0, stamp_ns=bench.now_ns, epoch=1))).rule == ""
 
@@ -257,15 +271,15 @@ def test_a_jump_before_the_first_mission_latches_until_it() -> None:
 def test_a_jump_under_a_stop_input_is_not_forgotten() -> None:
     bench = Bench()
     bench.drive(0.3)
-    pressed = StopInputs(True, False, True)
+    pressed = StopInputs(fresh=True, estop_clear=False, protective_clear=True)
     assert bench.step(inputs=pressed, status=wheels(-0.1, bench.now_ns)).rule == "stop_input"
     assert bench.order(0.3).rule == "measured_jump"
 
 
-def test_the_first_latched_rule_is_the_one_that_is_told() -> None:
+def test_the_first_latched_rule_is_the_one_that_is_reported() -> None:
     bench = Bench()
     bench.drive(0.3)
     bench.step(stamped(command(sequence=500, stamp_ns=bench.now_ns), run_id=6))
-    bench.step(status=WheelStatus(bench.now_ns, math.nan, 0.0, True, 0.0, 0.0))
+    bench.step(status=replace(wheels(0.0, bench.now_ns), left_rad_s=math.nan))
     bench.step()
     assert bench.step().rule == "second_writer"

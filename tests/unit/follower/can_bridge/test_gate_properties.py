@@ -46,7 +46,7 @@ steps = st.lists(
             "cap": st.sampled_from((0.0, 0.05, 0.5, 9.0, math.nan, math.inf, -1.0)),
             "phase": st.sampled_from(("approach", "approach", "approach", "push", "idle")),
             "status_age_ms": st.integers(-50, 100),
-            "rims": st.tuples(*[st.floats(-1.0, 1.0) | st.sampled_from((0.0, math.nan, math.inf))] * 2),
+            "surfaces_m_s": st.tuples(*[st.floats(-1.0, 1.0) | st.sampled_from((0.0, math.nan, math.inf))] * 2),
             "follow": st.booleans(),
             "inputs": st.tuples(*[st.integers(0, 9).map(bool)] * 3),
         }
@@ -61,35 +61,54 @@ steps = st.lists(
 def test_no_sequence_of_inputs_moves_the_wheels_against_the_rules(given_steps: list[dict[str, object]]) -> None:
     gate, now_ns, last_v, last_w = _under_way()
     for step in given_steps:
-        said: dict[str, object] = step
-        after_ms = _int(said["after_ms"])
+        given_step: dict[str, object] = step
+        after_ms = _int(given_step["after_ms"])
         now_ns += after_ms * MS
-        stamp = now_ns - _int(said["command_age_ms"]) * MS
+        stamp = now_ns - _int(given_step["command_age_ms"]) * MS
         command = seal_command(
             Command(
-                _float(said["v"]),
-                _float(said["w"]),
-                _int(said["command_epoch"]),
-                _int(said["sequence"]),
+                _float(given_step["v"]),
+                _float(given_step["w"]),
+                _int(given_step["command_epoch"]),
+                _int(given_step["sequence"]),
                 stamp,
                 stamp + 120 * MS,
                 1,
                 stamp,
             )
         )
-        cap = _float(said["cap"])
-        token_ns = now_ns - _int(said["token_age_ms"]) * MS
-        phase: Phase = next(known for known in PHASES if known == said["phase"])
-        token = ArmToken(bool(said["armed"]), token_ns, BOOT, _int(said["token_epoch"]), phase, cap, cap)
-        rims = (last_v, last_v) if said["follow"] else said["rims"]
-        assert isinstance(rims, tuple)
+        cap = _float(given_step["cap"])
+        token_ns = now_ns - _int(given_step["token_age_ms"]) * MS
+        phase: Phase = next(known for known in PHASES if known == given_step["phase"])
+        token = ArmToken(
+            armed=bool(given_step["armed"]),
+            stamp_ns=token_ns,
+            boot_id=BOOT,
+            epoch=_int(given_step["token_epoch"]),
+            phase=phase,
+            v_max_m_s=cap,
+            w_max_rad_s=cap,
+        )
+        surfaces_m_s = (last_v, last_v) if given_step["follow"] else given_step["surfaces_m_s"]
+        assert isinstance(surfaces_m_s, tuple)
         radius = BASE.wheel_radius_m
-        status_ns = now_ns - _int(said["status_age_ms"]) * MS
-        status = WheelStatus(status_ns, rims[0] / radius, rims[1] / radius, True, 0.0, 0.0)
-        inputs = said["inputs"]
+        status_ns = now_ns - _int(given_step["status_age_ms"]) * MS
+        status = WheelStatus(
+            measured_ns=status_ns,
+            left_rad_s=surfaces_m_s[0] / radius,
+            right_rad_s=surfaces_m_s[1] / radius,
+            drives_enabled=True,
+            left_rad=0.0,
+            right_rad=0.0,
+        )
+        inputs = given_step["inputs"]
         assert isinstance(inputs, tuple)
         decision = gate.step(
-            now_ns, StampedCommand(command, _int(said["run_id"]), BOOT), token, status, StopInputs(*inputs)
+            now_ns,
+            StampedCommand(command=command, run_id=_int(given_step["run_id"]), boot_id=BOOT),
+            token,
+            status,
+            StopInputs(fresh=inputs[0], estop_clear=inputs[1], protective_clear=inputs[2]),
         )
         v, w = decision.v_m_s, decision.w_rad_s
         if v or w:
@@ -113,9 +132,24 @@ def _under_way() -> tuple[Gate, int, float, float]:
     first = seal_command(Command(0.3, 0.2, 1, 1, now_ns, now_ns + 1000 * MS, 1, now_ns))
     for n in range(12):
         left, right = last[0] - last[1] / 4, last[0] + last[1] / 4
-        status = WheelStatus(now_ns, left / BASE.wheel_radius_m, right / BASE.wheel_radius_m, True, 0.0, 0.0)
-        token = ArmToken(True, now_ns, BOOT, 1, "approach", 0.5, 0.6)
-        decision = gate.step(now_ns, StampedCommand(first, 5, BOOT), token, status, StopInputs(True, True, True))
+        status = WheelStatus(
+            measured_ns=now_ns,
+            left_rad_s=left / BASE.wheel_radius_m,
+            right_rad_s=right / BASE.wheel_radius_m,
+            drives_enabled=True,
+            left_rad=0.0,
+            right_rad=0.0,
+        )
+        token = ArmToken(
+            armed=True, stamp_ns=now_ns, boot_id=BOOT, epoch=1, phase="approach", v_max_m_s=0.5, w_max_rad_s=0.6
+        )
+        decision = gate.step(
+            now_ns,
+            StampedCommand(command=first, run_id=5, boot_id=BOOT),
+            token,
+            status,
+            StopInputs(fresh=True, estop_clear=True, protective_clear=True),
+        )
         last = (decision.v_m_s, decision.w_rad_s)
         now_ns += 10 * MS * (n < 11)
     assert decision.rule == ""

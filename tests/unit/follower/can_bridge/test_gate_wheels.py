@@ -10,7 +10,6 @@ import pytest
 
 from follower.can_bridge.gate import (
     Gate,
-    WheelStatus,
 )
 from tests.rigs.gate_rig import (
     BASE,
@@ -25,6 +24,7 @@ from tests.rigs.gate_rig import (
     command,
     replace_limits,
     stamped,
+    surfaces,
     token,
     wheels,
 )
@@ -36,9 +36,9 @@ from tests.rigs.gate_rig import (
 def test_an_encoder_jump_stops_it(beyond: float, side: int, direction: float) -> None:
     bench = Bench()
     bench.drive(0.2)
-    rims = [0.2, 0.2]
-    rims[side] += direction * (0.30 + beyond)
-    decision = bench.step(status=WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True, 0.0, 0.0))
+    speeds = [0.2, 0.2]
+    speeds[side] += direction * (0.30 + beyond)
+    decision = bench.step(status=surfaces(speeds[0], speeds[1], bench.now_ns))
     assert (decision.rule == "measured_jump") == (beyond > 0)
 
 
@@ -58,7 +58,7 @@ def test_an_angle_that_jumps_stops_it_however_steady_the_speed(beyond: float, si
 
 @pytest.mark.parametrize("beyond", [False, True])
 @pytest.mark.parametrize(("field", "bound"), [("left_rad_s", 0.30), ("right_rad", 0.05)])
-def test_a_jump_of_exactly_the_bound_is_borne(field: str, bound: float, beyond: bool) -> None:
+def test_a_jump_of_exactly_the_bound_is_accepted(field: str, bound: float, beyond: bool) -> None:
     gate = Gate(LIMITS, BASE, BOOT)
     gate.step(T0, None, token(T0), wheels(0.0, T0), CLEAR)
     step = bound / RADIUS
@@ -104,10 +104,14 @@ def test_wheels_that_do_not_follow_stop_it(v: float, w: float, side: int, beyond
     bench = Bench(replace_limits(w_max_rad_s=0.8), w_max_rad_s=0.8)
     bench.drive(v, w)
     turn = w * TRACK / 2
-    rims = [v - turn, v + turn]
-    set_rim = rims[side]
-    rims[side] -= math.copysign(0.15 + 0.2 * abs(set_rim) + beyond, set_rim)
-    decision = bench.order(v, w, status=WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True, 0.0, 0.0))
+    speeds = [v - turn, v + turn]
+    set_m_s = speeds[side]
+    speeds[side] -= math.copysign(0.15 + 0.2 * abs(set_m_s) + beyond, set_m_s)
+    decision = bench.order(
+        v,
+        w,
+        status=surfaces(speeds[0], speeds[1], bench.now_ns),
+    )
     assert (decision.rule == "measured_gap") == (beyond > 0)
 
 
@@ -117,17 +121,17 @@ def test_wheels_that_do_not_follow_stop_it(v: float, w: float, side: int, beyond
 def test_a_wheel_that_hardly_rolls_at_docking_speed_stops_it_after_300_ms(side: int, v: float, share: float) -> None:
     bench = Bench()
     bench.drive(v)
-    rims = [v, v]
-    rims[side] = share * v
+    speeds = [v, v]
+    speeds[side] = share * v
     found, began_ns = [], bench.now_ns
     for _ in range(40):
-        status = WheelStatus(bench.now_ns, rims[0] / RADIUS, rims[1] / RADIUS, True, 0.0, 0.0)
+        status = surfaces(speeds[0], speeds[1], bench.now_ns)
         found.append((bench.now_ns - began_ns, bench.order(v, status=status).rule))
     stopped = [after_ns for after_ns, rule in found if rule]
     assert stopped[:1] == ([] if share > 0.25 else [310 * MS])
 
 
-def test_time_during_which_a_wheel_is_told_nothing_does_not_count() -> None:
+def test_time_without_a_setpoint_for_a_wheel_does_not_count() -> None:
     bench = Bench()
     for v in (0.1, 0.0, -0.1, 0.0) * 4:
         for _ in range(28):

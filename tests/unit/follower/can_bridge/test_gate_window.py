@@ -23,7 +23,7 @@ from tests.rigs.gate_rig import (
 )
 
 
-def test_a_stall_earns_no_larger_step() -> None:
+def test_a_stall_allows_no_larger_step() -> None:
     bench = Bench()
     bench.order(0.3)
     bench.order(0.3, period_ms=15.0)
@@ -31,7 +31,7 @@ def test_a_stall_earns_no_larger_step() -> None:
     assert bench.order(0.3).v_m_s == pytest.approx(0.0125 + 0.01)
 
 
-def test_a_clock_that_goes_back_earns_no_step() -> None:
+def test_a_clock_that_goes_back_allows_no_step() -> None:
     bench = Bench()
     bench.order(0.3)
     before = bench.order(0.3, period_ms=-1.0)
@@ -42,7 +42,7 @@ def test_a_clock_that_goes_back_earns_no_step() -> None:
     ("v", "w", "reach"), [(0.5, 0.0, 0.125), (-0.1, 0.0, 0.06), (0.0, 0.6, 0.5), (0.0, -0.6, 0.5)]
 )
 def test_the_window_holds_when_time_itself_is_wrong(v: float, w: float, reach: float) -> None:
-    """A clock that swings to and fro earns rate for nothing; 250 real ms earn no more than they should."""
+    """A clock that swings to and fro gains rate for nothing; 250 real ms allow no more than they should."""
     limits = replace_limits(gate_acceleration_m_s2=0.24) if v < 0 else LIMITS
     bench = Bench(limits)
     clipped: set[str] = set()

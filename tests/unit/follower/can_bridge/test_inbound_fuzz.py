@@ -12,9 +12,9 @@ import pytest
 from common.canopen.frames import CanFrame
 from common.messages import Command, seal_command
 from common.timing import NS_PER_MS
-from follower.can_bridge.gate import ArmToken, Gate, StampedCommand, StopInputs, WheelStatus
+from follower.can_bridge.gate import ArmToken, Gate, StampedCommand
 from follower.can_bridge.measurement import DriveSetpoint
-from tests.rigs.canbus_rig import Rig, Tap, follower_rig
+from tests.rigs.canbus_rig import Rig, Tap, follower_rig, stop_inputs, wheel_status
 
 SHARDS = 4
 FRAMES = int(os.environ.get("FUZZ_FRAMES", "60000")) // SHARDS
@@ -41,16 +41,16 @@ def _mutated(random: Random, genuine: CanFrame) -> CanFrame:
 
 
 def _limits_hold(rig: Rig) -> bool:
-    """Whether what the drives were last told is within what the gate and they may let through."""
+    """Whether the drives' last set-points are within what gate and drives may let through."""
     robot, radius = rig.robot, rig.config.base.wheel_radius_m
-    rims = (abs(wheel.velocity_setpoint_rad_s) * radius for wheel in (robot.left_wheel, robot.right_wheel))
-    told = (abs(wheel.values[0x60FF, 0]) / 208_600 * radius for wheel in (robot.left_wheel, robot.right_wheel))
+    surfaces = (abs(wheel.velocity_setpoint_rad_s) * radius for wheel in (robot.left_wheel, robot.right_wheel))
+    sent = (abs(wheel.values[0x60FF, 0]) / 208_600 * radius for wheel in (robot.left_wheel, robot.right_wheel))
     torques = (abs(joint.values[0x6071, 0]) for joint in robot.joints)
-    return max(*rims, *told) <= 0.6 and max(torques) <= 1000
+    return max(*surfaces, *sent) <= 0.6 and max(torques) <= 1000
 
 
 class _Session:
-    """A bridge that is armed anew whenever something stopped it."""
+    """A bridge that is re-armed whenever something stopped it."""
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
@@ -60,24 +60,30 @@ class _Session:
         self.moving = 0
 
     def step(self) -> None:
-        """Gate, exchange, 10 ms; then what a supervisor and a person would do."""
+        """Gate, exchange, 10 ms; then what supervisor and operator would do."""
         rig, measured = self.rig, self.measured
         now_ns, base = rig.clock.now_ns(), rig.config.base
         self.sequence += 1
         fields = (0.5, 0.3, self.epoch, self.sequence, now_ns, now_ns + 120 * NS_PER_MS, 1, now_ns)
         decision = self.gate.step(
             now_ns,
-            StampedCommand(seal_command(Command(*fields)), 1, "boot"),
-            ArmToken(True, now_ns, "boot", self.epoch, "approach", 0.5, 0.6),
-            WheelStatus(
-                measured.measured_ns, *measured.wheel_speed_rad_s, measured.wheels_enabled, *measured.wheel_angle_rad
+            StampedCommand(command=seal_command(Command(*fields)), run_id=1, boot_id="boot"),
+            ArmToken(
+                armed=True,
+                stamp_ns=now_ns,
+                boot_id="boot",
+                epoch=self.epoch,
+                phase="approach",
+                v_max_m_s=0.5,
+                w_max_rad_s=0.6,
             ),
-            StopInputs(measured.inputs_fresh, measured.estop_clear, measured.protective_clear),
+            wheel_status(measured),
+            stop_inputs(measured),
         )
         self.moving += decision.v_m_s > 0.0
         turn = decision.w_rad_s * base.track_m / 2
         left, right = ((decision.v_m_s + side * turn) / base.wheel_radius_m for side in (-1, 1))
-        self.measured = rig.cycle(DriveSetpoint(left, right, joint_torque_n_m=(50.0,) * 6))
+        self.measured = rig.cycle(DriveSetpoint(left_rad_s=left, right_rad_s=right, joint_torque_n_m=(50.0,) * 6))
         if decision.rule:
             self.epoch += 1
         if not self.measured.bus_ok:

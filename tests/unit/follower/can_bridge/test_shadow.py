@@ -11,7 +11,7 @@ from common.timing import NS_PER_MS
 from follower.can_bridge.measurement import DriveSetpoint
 from follower.can_bridge.shadow import Shadow
 from tests.rigs.bridge_rig import HEALTHY
-from tests.rigs.canbus_rig import Tap, rig_with, rim_speed, stepped_config
+from tests.rigs.canbus_rig import Tap, rig_with, stepped_config, wheel_surface_speed
 
 
 def test_no_frame_enables_a_drive_in_shadow() -> None:
@@ -20,7 +20,7 @@ def test_no_frame_enables_a_drive_in_shadow() -> None:
         rig.drives.open()
         tap = Tap(rig)
         rig.drives.enable()
-        measured = rig.cycles(60, rim_speed(0.3, rig.config))
+        measured = rig.cycles(60, wheel_surface_speed(0.3, rig.config))
         words = {int.from_bytes(f.data[:2], "little") for _, f in tap.read() if 0x200 < f.can_id <= 0x27F}
         tap.close()
         assert measured.troubles == ()
@@ -31,14 +31,14 @@ def test_no_frame_enables_a_drive_in_shadow() -> None:
 def test_pretended_wheels_follow_with_the_drives_ramp() -> None:
     config = stepped_config()
     shadow, radius = Shadow(config.follower_can, config.base), config.base.wheel_radius_m
-    told = DriveSetpoint(left_rad_s=0.1 / radius, right_rad_s=-0.1 / radius)
-    rims = []
+    commanded = DriveSetpoint(left_rad_s=0.1 / radius, right_rad_s=-0.1 / radius)
+    surfaces_m_s = []
     for n in range(15):
         seen = shadow.pretend(replace(HEALTHY, now_ns=n * 10 * NS_PER_MS, wheels_enabled=False))
-        rims.append(seen.wheel_speed_rad_s[0] * radius)
+        surfaces_m_s.append(seen.wheel_speed_rad_s[0] * radius)
         assert seen.wheels_enabled
         assert seen.wheel_speed_rad_s[1] == pytest.approx(-seen.wheel_speed_rad_s[0])
-        assert shadow.withhold(told) == DriveSetpoint()
-    assert rims[0] == 0.0
-    assert rims[2] == pytest.approx(0.02)
-    assert rims[-1] == pytest.approx(0.1)
+        assert shadow.withhold(commanded) == DriveSetpoint()
+    assert surfaces_m_s[0] == 0.0
+    assert surfaces_m_s[2] == pytest.approx(0.02)
+    assert surfaces_m_s[-1] == pytest.approx(0.1)

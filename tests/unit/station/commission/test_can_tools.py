@@ -9,7 +9,7 @@ from sim.can.drive_402 import Drive402
 from sim.can.faults import EncoderFault
 from station.commission.can_tools import Monitor, follower_names, scan
 from station.commission.enable_test import Check, EnableTest
-from tests.rigs.canbus_rig import CONFIG_PATH, Rig, StepPace, Tap, follower_rig, rim_speed
+from tests.rigs.canbus_rig import CONFIG_PATH, Rig, StepPace, Tap, follower_rig, wheel_surface_speed
 
 
 def test_scan_finds_every_node_by_name() -> None:
@@ -30,12 +30,12 @@ def test_scan_of_an_empty_bus_finds_nothing() -> None:
 def test_monitor_follows_a_bridge_and_sends_nothing() -> None:
     with follower_rig() as rig:
         rig.enable()
-        rig.cycles(80, rim_speed(0.2, rig.config))
+        rig.cycles(80, wheel_surface_speed(0.2, rig.config))
         monitor = Monitor(rig.config, CONFIG_PATH)
         monitor.open()
         tap = Tap(rig)
         for _ in range(5):
-            rig.cycle(rim_speed(0.2, rig.config))
+            rig.cycle(wheel_surface_speed(0.2, rig.config))
             tap.read()
             rows, measured = monitor.poll(rig.clock.now_ns())
             assert tap.read() == []
