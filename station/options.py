@@ -88,3 +88,10 @@ def names(text: str, known: tuple[str, ...], what: str) -> tuple[str, ...]:
         if name not in known:
             raise ConfigError(f"no {what} {name!r}; there are: {', '.join(known)}")
     return wanted
+
+
+def show(out: Path) -> None:
+    """Print the table that an experiment wrote, and where its files are."""
+    for table in sorted(out.glob("*.md")):
+        typer.echo(table.read_text(encoding="utf-8"))
+    typer.echo(f"written: {', '.join(str(path) for path in sorted(out.iterdir()) if path.is_file())}")

@@ -6,18 +6,26 @@ import math
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import typer
+from rich.live import Live
+from rich.text import Text
 
+from common.bus import Bus
 from common.config import Config, default_config_path
 from common.errors import ConfigError
+from common.executor import earlier_processes
 from common.geometry import Array, Pose2
+from follower.camera.replay import read_grey
+from station.calibrate.frames import TOOL, measured, open_frames, valid_states
+from station.calibrate.lens import KINDS, Board, CalibrationError, calibrate_camera, coverage_of, find_corners
+from station.calibrate.lens_file import age_days, differences, store, stored
+from station.calibrate.live_board import BoardCollector, collect
+from station.calibrate.mount import MountError, View, averaged, calibrate_mount, whole_tilt_rad
+from station.calibrate.mount_file import load_views, save_views
 from station.options import ROBOT, ConfigOption, RuntimeOption, SetOption, loaded, numbers, writable
-
-if TYPE_CHECKING:
-    from station.calibrate.lens import Board
 
 calibrate = typer.Typer(no_args_is_help=True, help="Calibrate lens and mounting. `davpc calibrate camera --live`")
 _FEWEST_CORNERS, _MOST_CORNERS = 3, 40
@@ -40,9 +48,6 @@ def calibrate_lens(
     Light the board evenly with a diffuse 940 nm source: the filter lets no other light through, and a torch beside
     the camera gives reflections. Show the board in every part of the image, the corners above all, and tilted.
     """
-    from station.calibrate.lens import KINDS, CalibrationError, calibrate_camera, coverage_of
-    from station.calibrate.lens_file import store
-
     shown = _board(board, square_mm)
     if live == (folder is not None):
         raise ConfigError("calibrate camera: name a folder of images, or --live")
@@ -72,8 +77,6 @@ def check(
     overrides: SetOption = None,
 ) -> None:
     """Say whether the configured lens and image size are those of a calibration, and how old it is."""
-    from station.calibrate.lens_file import age_days, differences, stored
-
     calibration = stored(file)
     days = age_days(calibration, datetime.now(UTC).date(), file)
     wrong = differences(calibration, loaded(config, overrides).camera)
@@ -93,12 +96,6 @@ def view(
     overrides: SetOption = None,
 ) -> None:
     """Add what a robot at rest sees at a measured pose to the views for `davpc calibrate mount`."""
-    from common.bus import Bus
-    from common.executor import earlier_processes
-    from station.calibrate.frames import TOOL, measured, valid_states
-    from station.calibrate.mount import MountError, View, averaged
-    from station.calibrate.mount_file import load_views, save_views
-
     robots = loaded(config, overrides)
     x_m, y_m, theta_deg = numbers(pose, 3)
     writable(out)
@@ -122,9 +119,6 @@ def calibrate_mounting(
     overrides: SetOption = None,
 ) -> None:
     """Fit the camera's place and attitude from the array seen at measured poses of {L} in {F}."""
-    from station.calibrate.mount import MountError, calibrate_mount, whole_tilt_rad
-    from station.calibrate.mount_file import load_views
-
     robots = loaded(config, overrides)
     camera = robots.camera
     try:
@@ -142,8 +136,6 @@ def calibrate_mounting(
 
 
 def _board(text: str, square_mm: float) -> Board:
-    from station.calibrate.lens import Board
-
     try:
         columns, rows = (int(part) for part in text.lower().split("x"))
     except ValueError:
@@ -155,12 +147,6 @@ def _board(text: str, square_mm: float) -> Board:
 
 def _watched(kind: Board, robots: Config, path: Path, runtime: Path) -> tuple[list[Array], tuple[int, int], str]:
     """Views taken live, the images' size, and whose they are; Ctrl-C ends the collecting, not the command."""
-    from rich.live import Live
-    from rich.text import Text
-
-    from station.calibrate.frames import open_frames
-    from station.calibrate.live_board import BoardCollector, collect
-
     collector = BoardCollector(kind, (robots.camera.width_px, robots.camera.height_px))
     told = "unknown"
     with (
@@ -182,9 +168,6 @@ def _watched(kind: Board, robots: Config, path: Path, runtime: Path) -> tuple[li
 
 def _photographed(folder: Path, kind: Board) -> tuple[list[Array], tuple[int, int]]:
     """Corners of every image of the folder that shows the whole board, and the images' size."""
-    from follower.camera.replay import read_grey
-    from station.calibrate.lens import find_corners
-
     if not folder.is_dir():
         raise ConfigError(f"{folder}: no such folder: name the one that holds the images")
     paths = sorted(path for path in folder.glob("*") if path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp"))

@@ -7,13 +7,25 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
+import cv2
 import typer
+from rich.live import Live
+from rich.text import Text
 
+from common.bus import Bus
 from common.config import default_config_path
 from common.errors import ConfigError
+from common.executor import earlier_processes
 from common.geometry import Pose2
+from follower.estimator.spots import SpotRule
+from follower.supervisor.taught import save, taught_name
+from station.calibrate.focus import focus_report
+from station.calibrate.frames import TOOL, measured, open_frames, valid_states
+from station.calibrate.teach import TeachError
+from station.calibrate.teach import teach as average
 from station.options import ROBOT, ConfigOption, RuntimeOption, SetOption, loaded, writable
 
+taught = typer.Typer()
 camera = typer.Typer(no_args_is_help=True, help="Look through the camera. `davpc camera focus`")
 
 
@@ -25,10 +37,6 @@ def snapshot(
     overrides: SetOption = None,
 ) -> None:
     """Save one frame."""
-    import cv2
-
-    from station.calibrate.frames import open_frames
-
     if not cv2.haveImageWriter(str(out)):
         raise ConfigError(f"{out}: no kind of image that can be written: name it .png")
     writable(out)
@@ -47,13 +55,6 @@ def focus(
     overrides: SetOption = None,
 ) -> None:
     """Show sharpness, spot size and saturation live while you turn the lens."""
-    from rich.live import Live
-    from rich.text import Text
-
-    from follower.estimator.spots import SpotRule
-    from station.calibrate.focus import focus_report
-    from station.calibrate.frames import open_frames
-
     robots = loaded(config, overrides)
     rule = SpotRule(robots.estimator.threshold, robots.estimator.min_spot_px, robots.estimator.max_spot_px)
     best, shown = 0.0, 0
@@ -71,6 +72,7 @@ def focus(
             time.sleep(0.05)
 
 
+@taught.command(epilog="Example:  davpc teach 1 --runtime /run/davpc")
 def teach(
     trolley: Annotated[int, typer.Argument(min=1, help="K: which docking's image this is")],
     frames: Annotated[int, typer.Option(min=30, help="frames to average")] = 120,
@@ -83,13 +85,6 @@ def teach(
 
     The robot docks by it once docking.taught_dir of the configuration names the folder.
     """
-    from common.bus import Bus
-    from common.executor import earlier_processes
-    from follower.supervisor.taught import save, taught_name
-    from station.calibrate.frames import TOOL, measured, valid_states
-    from station.calibrate.teach import TeachError
-    from station.calibrate.teach import teach as average
-
     robots = loaded(config, overrides)
     path = writable(out or Path(taught_name(trolley)))
     if not runtime.is_dir():

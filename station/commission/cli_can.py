@@ -5,20 +5,22 @@ from __future__ import annotations
 import os
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
+from rich.live import Live
 from rich.table import Table
 
 from common.config import Config, default_config_path
 from common.errors import DeviceError
 from common.processes import process
 from common.timing import MonotonicClock
+from follower.can_bridge.measurement import Measurement
+from station.commission.can_tools import Monitor, NodeRow, follower_names
+from station.commission.can_tools import scan as ask
+from station.commission.enable_test import EnableTest
+from station.commission.homing import Homing
 from station.options import ConfigOption, SetOption, loaded
-
-if TYPE_CHECKING:
-    from follower.can_bridge.measurement import Measurement
-    from station.commission.can_tools import NodeRow
 
 can = typer.Typer(no_args_is_help=True, help="Look at a CAN bus and test its axes. `davpc can scan`")
 
@@ -30,9 +32,6 @@ def scan(
     overrides: SetOption = None,
 ) -> None:
     """List the nodes that answer, with their identity. Only reads."""
-    from station.commission.can_tools import follower_names
-    from station.commission.can_tools import scan as ask
-
     robots = loaded(config, overrides)
     if bus == "follower":
         found = ask(robots.follower_can.bus, follower_names(robots, _path(config)))
@@ -53,10 +52,6 @@ def monitor(
     overrides: SetOption = None,
 ) -> None:
     """Follow the drives of a bus on which a bridge works, live. Sends nothing."""
-    from rich.live import Live
-
-    from station.commission.can_tools import Monitor
-
     follower, clock = Monitor(loaded(config, overrides), _path(config)), MonotonicClock()
     follower.open()
     end_ns = clock.now_ns() + round(seconds * 1e9)
@@ -76,8 +71,6 @@ def enable_test(
     overrides: SetOption = None,
 ) -> None:
     """Turn each axis each way, try each limit, fire the watchdog on purpose. No bridge may be running."""
-    from station.commission.enable_test import EnableTest
-
     if not wheels_are_up:
         raise typer.BadParameter("lift the wheels off the ground, then say --wheels-are-up")
     _be_punctual()
@@ -95,8 +88,6 @@ def home(
     overrides: SetOption = None,
 ) -> None:
     """Find the home of each axis that has no absolute encoder, one after the other. No bridge may be running."""
-    from station.commission.homing import Homing
-
     if not arms_are_free:
         raise typer.BadParameter("arms and lift will move: clear their way, then say --arms-are-free")
     _be_punctual()

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from common.bus import routing
 from common.config import load_config
 from common.errors import ConfigError
 from gateway.access import OTHER
@@ -47,8 +48,6 @@ def site(
     credentials: Annotated[Path, typer.Option(help="folder of ca.pem, NAME.pem, NAME.key")] = Path("/etc/davpc/pki"),
 ) -> None:
     """Run the router that several pairs share, until SIGTERM. `davpc network site a.toml b.toml`"""
-    from common.bus import routing
-
     router = site_router([load_config(path).network for path in pairs], certificate, credentials, [listen])
     check_credentials(credentials, certificate)
     signal.pthread_sigmask(signal.SIG_BLOCK, _STOP)

@@ -13,6 +13,7 @@ from common.canopen.frames import HEARTBEAT, SYNC, consumer_heartbeat
 from common.canopen.node import CanopenNode, find_eds
 from common.config import BusConfig, Config
 from common.errors import DeviceError
+from follower.can_bridge.robot_axes import make_axes
 from station.doctor.findings import Finding, Seen, failed, ok, skipped, warning
 
 _LISTEN_S = 0.3
@@ -46,8 +47,6 @@ class Interview:
 
 def follower_nodes(config: Config, config_path: Path) -> list[ExpectedNode]:
     """The Follower's drives and I/O module."""
-    from follower.can_bridge.robot_axes import make_axes
-
     can = config.follower_can
     drive_eds, io_eds = find_eds(can.drive_eds, config_path), find_eds(can.io_eds, config_path)
     guard = (0x1016, 1, consumer_heartbeat(can.master_node_id, can.watchdog_ms), f"watchdog {can.watchdog_ms} ms")

@@ -15,8 +15,14 @@ import typer
 from common.config import default_config_path
 from common.errors import DeviceError
 from gateway.access import Robot
+from station.doctor.examination import Visit, default_robots
+from station.doctor.findings import LOOKING, as_table, is_well, summary
+from station.doctor.probes import installed_role
 from station.operate.answers import RunningOption
-from station.options import ROBOT, ConfigOption, SetOption, loaded
+from station.operate.link import running_robot
+from station.options import ROBOT, ConfigOption, SetOption
+
+examine = typer.Typer()
 
 
 class Who(StrEnum):
@@ -29,8 +35,6 @@ class Who(StrEnum):
 
 def _folder(named: Path | None) -> Path:
     """Of the robot that runs here, real or simulated; of an installed one where none does."""
-    from station.operate.link import running_robot
-
     if named is not None:
         return named
     try:
@@ -46,6 +50,7 @@ _ROBOTS: dict[Who, tuple[Robot, ...]] = {
 }
 
 
+@examine.command(epilog="Example:  sudo davpc doctor --robot follower")
 def doctor(
     robot: Annotated[Who | None, typer.Option(help="whose parts", show_default="as installed, else both")] = None,
     devices: Annotated[bool, typer.Option(help="open camera and CAN bus if no process of davpc has them")] = True,
@@ -58,10 +63,6 @@ def doctor(
 
     Only reads: nothing moves, is enabled or changed, whether davpc runs or not. Exit code 1 if a check failed.
     """
-    from station.doctor.examination import Visit, default_robots
-    from station.doctor.findings import LOOKING, as_table, is_well, summary
-    from station.doctor.probes import installed_role
-
     role = installed_role()
     robots = default_robots(role) if robot is None else _ROBOTS[robot]
     hardware = role is not None and role[1] == "hardware"
@@ -78,10 +79,3 @@ def doctor(
         sys.stdout.flush()
         os._exit(code)
     raise typer.Exit(code)
-
-
-def wiring(config: ConfigOption = None, overrides: SetOption = None) -> None:
-    """Print what to wire and which node ids to set, from the configuration. `davpc wiring`"""
-    from station.commission.wiring import wiring as tables
-
-    typer.echo(tables(loaded(config, overrides)))

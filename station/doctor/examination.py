@@ -16,6 +16,7 @@ from pathlib import Path
 from common.channels import DOCKING_STATE, DRIVES, FOLLOWER_GATEWAY, LEADER_GATEWAY, LEADER_STATE
 from common.config import BusConfig, Config, load_config
 from common.processes import ONE_MACHINE, PROCESSES
+from follower.supervisor.taught import taught_images
 from gateway.access import Robot, robot_access
 from gateway.credentials import check_credentials, credentials_folder
 from station.calibrate.lens_file import StoredCalibration, stored
@@ -186,8 +187,6 @@ class Pair:
         yield self._taught()
 
     def _taught(self) -> Finding:
-        from follower.supervisor.taught import taught_images
-
         def trolleys() -> list[int]:
             return sorted(taught_images(self.config, self.visit.path) or {})
 

@@ -15,12 +15,16 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from common.config import CameraConfig, Config
 from common.errors import ConfigError, DeviceError
 from common.frame_source import frame_source
 from common.node import Inbox, NodeContext
 from common.processes import PROCESSES
 from common.timing import NS_PER_S, MonotonicClock
+from follower.estimator.spots import SpotRule
+from station.calibrate.focus import focus_report
 from station.doctor.machine import UnitState, canonical
 
 _COMMAND_S = 5.0
@@ -184,11 +188,6 @@ def grab(config: Config, config_path: Path, runtime: Path, seconds: float) -> Gr
         DeviceError: it is missing or gives nothing.
         ConfigError: no such driver, or one that needs a running simulation.
     """
-    import numpy as np
-
-    from follower.estimator.spots import SpotRule
-    from station.calibrate.focus import focus_report
-
     clock = MonotonicClock()
     source = frame_source(NodeContext(config, config_path, runtime, 0, clock))
     if source.inputs:

@@ -8,15 +8,13 @@ import secrets
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
 from common.config import default_config_path, load_config
 from common.errors import DeviceError
-
-if TYPE_CHECKING:
-    from station.operate.link import RobotLink
+from station.operate.link import RobotLink, running_robot
 
 RunningOption = Annotated[
     Path | None,
@@ -67,8 +65,6 @@ def answering(as_json: bool) -> Iterator[None]:
 @contextlib.contextmanager
 def open_link(runtime: Path | None) -> Iterator[RobotLink]:
     """The robot that runs here, or in the named folder."""
-    from station.operate.link import RobotLink, running_robot
-
     with RobotLink(running_robot(runtime), configured_namespace()) as link:
         yield link
 
@@ -84,6 +80,4 @@ def running_folder() -> Path:
     Raises:
         DeviceError: none runs here, or several.
     """
-    from station.operate.link import running_robot
-
     return running_robot(None)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
+from common.causes import CAUSES
 from common.channels import DOCK_REQUEST, FOLLOWER_SUMMARY, LEADER_STATE, MISSION
 from common.messages import DockRequest
 from common.timing import NS_PER_S
@@ -22,10 +24,9 @@ from station.operate.answers import (
     say,
     show_json,
 )
+from station.operate.attempts import ATTEMPTS_FILE, read_attempts, summarise
+from station.operate.link import RobotLink
 from station.options import ConfigOption, SetOption, loaded
-
-if TYPE_CHECKING:
-    from station.operate.link import RobotLink
 
 dock = typer.Typer(no_args_is_help=True, help="Dock, abort, reset; see where it stands. `davpc dock status`")
 
@@ -88,10 +89,6 @@ def report(
     as_json: JsonOption = False,
 ) -> None:
     """Sum the last attempts up; warn of a calibration that drifts."""
-    from dataclasses import asdict
-
-    from station.operate.attempts import ATTEMPTS_FILE, read_attempts, summarise
-
     folder = state or _state_folder(loaded(config, overrides).state_directory)
     summary = summarise(*read_attempts(folder / ATTEMPTS_FILE, last))
     if as_json:
@@ -118,8 +115,6 @@ def report(
 @dock.command(epilog="Example:  davpc dock causes")
 def causes() -> None:
     """List every cause with what it means and what to do."""
-    from common.causes import CAUSES
-
     for cause in CAUSES.values():
         typer.echo(f"{cause.code:18s} {cause.reaction}  {cause.meaning}: {cause.remedy}")
 

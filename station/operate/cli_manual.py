@@ -10,19 +10,22 @@ import termios
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from common.errors import DeviceError
 from station.operate.answers import RunningOption, configured_namespace
+from station.operate.link import running_robot
+from station.operate.manual import Felt, Fingers, Keys, ManualLink
+from station.simulate.children import interruptible
 
-if TYPE_CHECKING:
-    from station.operate.manual import Felt, ManualLink
+manual = typer.Typer()
 
 _LIFT_TOLERANCE_M = 0.0005
 
 
+@manual.command(epilog="Example:  davpc jog --speed 0.05 --seconds 2")
 def jog(
     speed: Annotated[float, typer.Option(min=-0.1, max=0.1, help="m/s, negative backwards")] = 0.0,
     turn: Annotated[float, typer.Option(min=-0.3, max=0.3, help="rad/s, to the left")] = 0.0,
@@ -33,8 +36,6 @@ def jog(
 
     With neither --speed nor --turn by the arrow keys, for as long as one is held.
     """
-    from station.operate.manual import Keys
-
     by_keys = not speed and not turn
     if by_keys and not sys.stdin.isatty():
         raise typer.BadParameter("give --speed or --turn, or hold arrow keys at a terminal")
@@ -55,6 +56,7 @@ def jog(
         _end(link.hold(steer), let_go)
 
 
+@manual.command(epilog="Example:  davpc grip close")
 def grip(
     action: Annotated[Literal["open", "close"], typer.Argument(help="what the fingers do; the arms stay")],
     runtime: RunningOption = None,
@@ -63,8 +65,6 @@ def grip(
 
     Letting go with Ctrl-C holds them as they are.
     """
-    from station.operate.manual import Fingers
-
     wanted: Literal["open", "closed"] = "open" if action == "open" else "closed"
     fingers = Fingers(wanted)
     last: list[Felt] = []
@@ -82,6 +82,7 @@ def grip(
         raise typer.Exit(1)
 
 
+@manual.command(epilog="Example:  davpc lift 200")
 def lift(
     height_mm: Annotated[float, typer.Argument(metavar="MM", min=0, max=1000, help="above its lowest place")],
     runtime: RunningOption = None,
@@ -108,9 +109,6 @@ def lift(
 
 def _hand_on(runtime: Path | None) -> ManualLink:
     """The connection to the robot that runs here, or in the named folder."""
-    from station.operate.link import running_robot
-    from station.operate.manual import ManualLink
-
     return ManualLink(running_robot(runtime), configured_namespace())
 
 
@@ -123,8 +121,6 @@ def _end(cause: str, let_go: Callable[[], bool]) -> None:
 @contextlib.contextmanager
 def _held() -> Iterator[Callable[[], bool]]:
     """Whether the command was let go: Ctrl-C, SIGTERM, a closed terminal."""
-    from station.simulate.children import interruptible
-
     with interruptible() as seen:
         yield seen
 

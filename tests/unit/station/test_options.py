@@ -8,8 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from common.errors import ConfigError
+from station.bench import bench
 from station.cli import app
-from station.experiment import bench, experiment
+from station.experiment import experiment
 from station.options import numbers, results_folder, writable
 
 
