@@ -12,6 +12,7 @@ import typer
 from common.config import Config, default_config_path, load_config
 from common.errors import ConfigError
 
+# where an installed robot has its sockets and frames
 ROBOT = Path("/run/davpc")
 ConfigOption = Annotated[
     Path | None,
@@ -22,7 +23,13 @@ SetOption = Annotated[
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="of everything random")]
 JobsOption = Annotated[int, typer.Option(min=1, help="processes to share the work")]
-RuntimeOption = Annotated[Path, typer.Option(help="folder of the running robot's sockets and frames")]
+RuntimeOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--runtime", help="folder of the running robot's sockets and frames", show_default="the robot that runs here"
+    ),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="one JSON object for programs")]
 
 
 def loaded(config: Path | None, overrides: list[str] | None) -> Config:

@@ -13,19 +13,17 @@ import typer
 from rich.live import Live
 from rich.text import Text
 
-from common.bus import Bus
 from common.config import Config, default_config_path
 from common.errors import ConfigError
-from common.executor import earlier_processes
 from common.geometry import Array, Pose2
 from follower.camera.replay import read_grey
-from station.calibrate.frames import TOOL, measured, open_frames, valid_states
+from station.calibrate.frames import measured, open_frames, valid_states
 from station.calibrate.lens import KINDS, Board, CalibrationError, calibrate_camera, coverage_of, find_corners
 from station.calibrate.lens_file import age_days, differences, store, stored
 from station.calibrate.live_board import BoardCollector, collect
 from station.calibrate.mount import MountError, View, averaged, calibrate_mount, whole_tilt_rad
 from station.calibrate.mount_file import load_views, save_views
-from station.options import ROBOT, ConfigOption, RuntimeOption, SetOption, loaded, numbers, writable
+from station.options import ConfigOption, RuntimeOption, SetOption, loaded, numbers, writable
 
 calibrate = typer.Typer(no_args_is_help=True, help="Calibrate lens and mounting. `davpc calibrate camera --live`")
 _FEWEST_CORNERS, _MOST_CORNERS = 3, 40
@@ -39,7 +37,7 @@ def calibrate_lens(
     square_mm: Annotated[float, typer.Option(min=1)] = 25.0,
     serial: Annotated[str, typer.Option(help="of the camera", show_default="as the driver tells it")] = "",
     out: Path = Path("calibration.toml"),
-    runtime: RuntimeOption = ROBOT,
+    runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -91,7 +89,7 @@ def view(
     pose: Annotated[str, typer.Argument(help="measured pose of {L} in {F}: x_m,y_m,theta_deg")],
     out: Annotated[Path, typer.Option(help="file that the view is added to")] = Path("views.json"),
     frames: Annotated[int, typer.Option(min=30, help="frames to average")] = 60,
-    runtime: RuntimeOption = ROBOT,
+    runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -99,11 +97,8 @@ def view(
     robots = loaded(config, overrides)
     x_m, y_m, theta_deg = numbers(pose, 3)
     writable(out)
-    if not runtime.is_dir():
-        raise ConfigError(f"{runtime}: no robot runs here")
     views = load_views(out, len(robots.leds.points)) if out.exists() else []
-    with Bus(TOOL, runtime, earlier_processes(TOOL), robots.network.namespace) as bus:
-        features = [measured(state) for state in valid_states(bus, frames)]
+    features = [measured(state) for state in valid_states(robots, runtime, frames)]
     try:
         mean = averaged(features, robots.camera.lens.fx_px)
     except MountError as error:
@@ -145,12 +140,14 @@ def _board(text: str, square_mm: float) -> Board:
     return Board(columns, rows, square_mm / 1000)
 
 
-def _watched(kind: Board, robots: Config, path: Path, runtime: Path) -> tuple[list[Array], tuple[int, int], str]:
+def _watched(
+    kind: Board, robots: Config, path: Path, runtime: Path | None
+) -> tuple[list[Array], tuple[int, int], str]:
     """Views taken live, the images' size, and whose they are; Ctrl-C ends the collecting, not the command."""
     collector = BoardCollector(kind, (robots.camera.width_px, robots.camera.height_px))
     told = "unknown"
     with (
-        open_frames(robots, path, runtime) as shots,
+        open_frames(robots, path, runtime) as images,
         Live(refresh_per_second=8) as screen,
         suppress(KeyboardInterrupt),
     ):
@@ -160,9 +157,9 @@ def _watched(kind: Board, robots: Config, path: Path, runtime: Path) -> tuple[li
             text = f"{collector.grid()}\n{len(collector.views)} views, {state}\n{collector.missing or 'enough'}"
             screen.update(Text(text))
 
-        first = next(shots)
+        first = next(images)
         told = first.camera_id
-        collect((shot.image for shot in shots), collector, show)
+        collect((taken.image for taken in images), collector, show)
     return collector.views, collector.size, told
 
 

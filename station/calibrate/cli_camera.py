@@ -12,18 +12,16 @@ import typer
 from rich.live import Live
 from rich.text import Text
 
-from common.bus import Bus
 from common.config import default_config_path
 from common.errors import ConfigError
-from common.executor import earlier_processes
 from common.geometry import Pose2
 from follower.estimator.spots import SpotRule
 from follower.supervisor.taught import save, taught_name
 from station.calibrate.focus import focus_report
-from station.calibrate.frames import TOOL, measured, open_frames, valid_states
+from station.calibrate.frames import measured, open_frames, valid_states
 from station.calibrate.teach import TeachError
 from station.calibrate.teach import teach as average
-from station.options import ROBOT, ConfigOption, RuntimeOption, SetOption, loaded, writable
+from station.options import ConfigOption, RuntimeOption, SetOption, loaded, writable
 
 taught = typer.Typer()
 camera = typer.Typer(no_args_is_help=True, help="Look through the camera. `davpc camera focus`")
@@ -31,8 +29,8 @@ camera = typer.Typer(no_args_is_help=True, help="Look through the camera. `davpc
 
 @camera.command(epilog="Example:  davpc camera snapshot --out now.png")
 def snapshot(
-    out: Path = Path("snapshot.png"),
-    runtime: RuntimeOption = ROBOT,
+    out: Path = Path("snaptaken.png"),
+    runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -40,8 +38,8 @@ def snapshot(
     if not cv2.haveImageWriter(str(out)):
         raise ConfigError(f"{out}: no kind of image that can be written: name it .png")
     writable(out)
-    with open_frames(loaded(config, overrides), config or default_config_path(), runtime) as shots:
-        image = next(shots).image
+    with open_frames(loaded(config, overrides), config or default_config_path(), runtime) as images:
+        image = next(images).image
     if not cv2.imwrite(str(out), image):
         raise ConfigError(f"{out}: cannot be written as an image")
     typer.echo(f"{out}: {image.shape[1]}×{image.shape[0]}, brightest pixel {image.max()}")
@@ -50,7 +48,7 @@ def snapshot(
 @camera.command(epilog="Example:  davpc camera focus --runtime /run/davpc")
 def focus(
     frames: Annotated[int, typer.Option(min=0, help="stop after so many; 0: until Ctrl-C")] = 0,
-    runtime: RuntimeOption = ROBOT,
+    runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -58,9 +56,9 @@ def focus(
     robots = loaded(config, overrides)
     rule = SpotRule(robots.estimator.threshold, robots.estimator.min_spot_px, robots.estimator.max_spot_px)
     best, shown = 0.0, 0
-    with open_frames(robots, config or default_config_path(), runtime) as shots, Live(refresh_per_second=8) as live:
-        for shot in shots:
-            report = focus_report(shot.image, rule)
+    with open_frames(robots, config or default_config_path(), runtime) as images, Live(refresh_per_second=8) as live:
+        for taken in images:
+            report = focus_report(taken.image, rule)
             best = max(best, report.sharpness)
             bar = "█" * round(40 * report.sharpness / best) if best else ""
             clipped = f"saturated {report.saturated_percent:.0f} %"
@@ -77,7 +75,7 @@ def teach(
     trolley: Annotated[int, typer.Argument(min=1, help="K: which docking's image this is")],
     frames: Annotated[int, typer.Option(min=30, help="frames to average")] = 120,
     out: Annotated[Path | None, typer.Option(help="file to write", show_default="taught-K.json")] = None,
-    runtime: RuntimeOption = ROBOT,
+    runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -87,10 +85,7 @@ def teach(
     """
     robots = loaded(config, overrides)
     path = writable(out or Path(taught_name(trolley)))
-    if not runtime.is_dir():
-        raise ConfigError(f"{runtime}: no robot runs here")
-    with Bus(TOOL, runtime, earlier_processes(TOOL), robots.network.namespace) as bus:
-        states = valid_states(bus, frames)
+    states = valid_states(robots, runtime, frames)
     features = [measured(state) for state in states]
     poses = [Pose2(state.x_m, state.y_m, state.theta_rad) for state in states]
     try:

@@ -7,20 +7,17 @@ import os
 import sys
 import threading
 from enum import StrEnum
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from common.config import default_config_path
-from common.errors import DeviceError
 from gateway.access import Robot
 from station.doctor.examination import Visit, default_robots
 from station.doctor.findings import LOOKING, as_table, is_well, summary
 from station.doctor.probes import installed_role
-from station.operate.answers import RunningOption
-from station.operate.link import running_robot
-from station.options import ROBOT, ConfigOption, SetOption
+from station.operate.link import running_or_installed
+from station.options import ConfigOption, JsonOption, RuntimeOption, SetOption
 
 examine = typer.Typer()
 
@@ -31,16 +28,6 @@ class Who(StrEnum):
     FOLLOWER = "follower"
     LEADER = "leader"
     BOTH = "both"
-
-
-def _folder(named: Path | None) -> Path:
-    """Of the robot that runs here, real or simulated; of an installed one where none does."""
-    if named is not None:
-        return named
-    try:
-        return running_robot(None)
-    except DeviceError:
-        return ROBOT
 
 
 _ROBOTS: dict[Who, tuple[Robot, ...]] = {
@@ -54,8 +41,8 @@ _ROBOTS: dict[Who, tuple[Robot, ...]] = {
 def doctor(
     robot: Annotated[Who | None, typer.Option(help="whose parts", show_default="as installed, else both")] = None,
     devices: Annotated[bool, typer.Option(help="open camera and CAN bus if no process of davpc has them")] = True,
-    as_json: Annotated[bool, typer.Option("--json", help="one JSON object for programs")] = False,
-    runtime: RunningOption = None,
+    as_json: JsonOption = False,
+    runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -66,7 +53,9 @@ def doctor(
     role = installed_role()
     robots = default_robots(role) if robot is None else _ROBOTS[robot]
     hardware = role is not None and role[1] == "hardware"
-    visit = Visit(robots, _folder(runtime), config or default_config_path(), overrides or (), devices, hardware)
+    visit = Visit(
+        robots, running_or_installed(runtime), config or default_config_path(), overrides or (), devices, hardware
+    )
     findings = []
     for finding in visit.findings():
         findings.append(finding)

@@ -25,7 +25,7 @@ from station.doctor import machine as doctor_machine
 from station.doctor import network as doctor_network
 from station.doctor import probes as doctor_probes
 from station.doctor import robot as doctor_robot
-from station.doctor.bus import Heard, listen
+from station.doctor.bus import RobotReport, listen
 from station.doctor.findings import Finding, Seen, look, skipped, warning
 
 _PROBE_S = 8.0
@@ -118,15 +118,15 @@ class Pair:
     config: Config
 
     @cached_property
-    def ears(self) -> Seen[Heard]:
+    def ears(self) -> Seen[RobotReport]:
         """What the running robot said."""
         space = self.config.network.namespace
         return look(partial(listen, self.visit.runtime, space, _LISTEN_S), _PROBE_S)
 
     @property
-    def heard(self) -> Heard:
+    def heard(self) -> RobotReport:
         """The same, as nothing where it could not be listened to."""
-        return self.ears.value or Heard()
+        return self.ears.value or RobotReport()
 
     def findings(self) -> Iterator[Finding]:
         """All, robot by robot."""

@@ -26,6 +26,7 @@ from common.timing import NS_PER_S, MonotonicClock
 from follower.estimator.spots import SpotRule
 from station.calibrate.focus import focus_report
 from station.doctor.machine import UnitState, canonical
+from station.options import ROBOT
 
 _COMMAND_S = 5.0
 _ROBOT_FILE = Path("/etc/davpc/robot")
@@ -131,7 +132,7 @@ def process_of(words: Sequence[str], runtime: Path) -> str:
     if "run" not in words[:-1]:
         return ""
     name = words[words.index("run") + 1]
-    folder = words[words.index("--runtime") + 1] if "--runtime" in words[:-1] else "/run/davpc"
+    folder = words[words.index("--runtime") + 1] if "--runtime" in words[:-1] else ROBOT
     return name if name in {entry.name for entry in PROCESSES} and Path(folder) == runtime else ""
 
 

@@ -17,11 +17,10 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from common.bus import Bus
 from common.errors import ConfigError
 from common.executor import EXIT_CONFIG
 from common.processes import ONE_MACHINE, process
-from common.timing import NS_PER_S, MonotonicClock
+from common.timing import NS_PER_S, Clock
 
 _TERMINATE_S = 3.0
 _GONE_AFTER = 3
@@ -162,13 +161,18 @@ def _last_words(path: Path) -> str:
 
 
 class Absence:
-    """Notices a process of somebody else's that was alive and is no more; looks once a second.
+    """Notices that a process that another launcher started was alive and is no more; looks once a second.
 
     On a busy machine a link may break for a moment, and its process seem dead: three looks in a row count.
+
+    Args:
+        alive: names of the processes that are alive now.
+        names: those to look for.
+        clock: of this machine.
     """
 
-    def __init__(self, bus: Bus, names: set[str], clock: MonotonicClock) -> None:
-        self._bus, self._names, self._clock = bus, names, clock
+    def __init__(self, alive: Callable[[], set[str]], names: set[str], clock: Clock) -> None:
+        self._ask_alive, self._names, self._clock = alive, names, clock
         self._seen: set[str] = set()
         self._missed: Counter[str] = Counter()
         self._due_ns = 0
@@ -179,7 +183,7 @@ class Absence:
         if now_ns < self._due_ns:
             return ""
         self._due_ns = now_ns + NS_PER_S
-        alive = self._bus.alive()
+        alive = self._ask_alive()
         missing = (self._seen & self._names) - alive
         self._missed = Counter({name: self._missed[name] + 1 for name in missing})
         self._seen |= alive

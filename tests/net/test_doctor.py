@@ -8,7 +8,7 @@ from common.channels import FOLLOWER_GATEWAY
 from common.config import load_config
 from common.messages import GatewayState
 from gateway.access import robot_access
-from station.doctor.bus import Heard, listen
+from station.doctor.bus import RobotReport, listen
 from station.doctor.findings import Seen
 from station.doctor.network import check_access, check_certificate, check_link
 from tests.conftest import REFERENCE
@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.alone, needs_openssl]
 
 def heard_gateway(gateways: Gateways) -> GatewayState:
     """What the Follower's gateway says of itself, as the doctor hears it."""
-    found: list[Heard] = []
+    found: list[RobotReport] = []
 
     def is_heard() -> bool:
         found[:] = [listen(gateways.runtime("follower"), gateways.namespace, 1.0)]

@@ -93,10 +93,10 @@ def _view(runtime: Path, path: Path, config: Config) -> None:
 def test_without_a_robot_they_say_so() -> None:
     for arguments, code, said in (
         (("camera", "snapshot"), 2, "needs a running simulation"),
-        (("teach", "1"), 2, "no robot runs here"),
+        (("teach", "1"), 3, "no robot runs here"),
         (("calibrate", "camera", "absent-folder"), 2, "no such folder"),
         (("calibrate", "mount", "absent.json"), 2, "absent.json"),
-        (("calibrate", "view", "2,0,0"), 2, "no robot runs here"),
+        (("calibrate", "view", "2,0,0"), 3, "no robot runs here"),
         (("calibrate", "camera"), 2, "a folder of images, or --live"),
         (("calibrate", "camera", "here", "--board", "1x1"), 2, "--board 1x1"),
         (("calibrate", "check", "absent.toml"), 2, "absent.toml"),

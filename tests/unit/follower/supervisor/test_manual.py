@@ -26,7 +26,7 @@ from common.processes import process
 from common.timing import NS_PER_MS, NS_PER_S, SteppedClock
 from follower.supervisor.manual import ManualMode, ManualSeen, ManualStep
 from sim.stepped import SteppedExecutor
-from station.operate.manual import Felt, Fingers, Keys
+from station.operate.manual import Fingers, Keys, ManualFeedback
 from tests.rigs.canbus_rig import CONFIG_PATH, stepped_config
 from tests.unit.follower.supervisor.test_sequence import ARMS, Bench
 from tests.unit.follower.supervisor.test_sequence import DRIVES as DISARMED
@@ -262,9 +262,9 @@ def test_held_arrow_keys_move_and_let_go_they_stop() -> None:
 
 
 def test_fingers_are_done_when_open_or_when_they_stand() -> None:
-    def felt(now_s: float, angle: float, gripped: bool = False, released: bool = False) -> Felt:
+    def felt(now_s: float, angle: float, gripped: bool = False, released: bool = False) -> ManualFeedback:
         state = replace(ARMS, gripped=gripped, released=released)
-        return Felt(round(now_s * NS_PER_S), None, replace(DISARMED, grip_angle_rad=(angle, angle)), state)
+        return ManualFeedback(round(now_s * NS_PER_S), None, replace(DISARMED, grip_angle_rad=(angle, angle)), state)
 
     opening = Fingers("open")
     assert opening.step(felt(0.0, 0.2)) == (0.0, 0.0)
