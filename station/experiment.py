@@ -1,4 +1,4 @@
-"""``davpc experiment``: the paper's tables and figures, and the safety concept's."""
+"""``davpc experiment``: the paper's tables and figures, and the checks of docs/safety.md."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ def run_incidents(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """Hidden LEDs, jams, stuck switches, a dead LED or Leader: reaction and cause as the safety concept says.
+    """Hidden LEDs, jams, stuck switches, a dead LED or Leader: reaction and cause as docs/safety.md requires.
 
     Exit code 1 if one is otherwise.
     """

@@ -21,7 +21,7 @@ ConfigOption = Annotated[
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", envvar="DAVPC_SET", help="override, as table.key=value; repeatable")
 ]
-SeedOption = Annotated[int, typer.Option(min=0, help="of everything random")]
+SeedOption = Annotated[int, typer.Option(min=0, help="random seed")]
 JobsOption = Annotated[int, typer.Option(min=1, help="processes to share the work")]
 RuntimeOption = Annotated[
     Path | None,

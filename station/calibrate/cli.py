@@ -17,8 +17,9 @@ from common.config import Config, default_config_path
 from common.errors import ConfigError
 from common.geometry import Array, Pose2
 from follower.camera.replay import read_grey
+from station.calibrate.board import Board, coverage_of, find_corners
 from station.calibrate.frames import measured, open_frames, valid_states
-from station.calibrate.lens import KINDS, Board, CalibrationError, calibrate_camera, coverage_of, find_corners
+from station.calibrate.lens import KINDS, CalibrationError, calibrate_camera
 from station.calibrate.lens_file import age_days, differences, store, stored
 from station.calibrate.live_board import BoardCollector, collect
 from station.calibrate.mount import MountError, View, averaged, calibrate_mount, whole_tilt_rad
@@ -32,10 +33,12 @@ _FEWEST_CORNERS, _MOST_CORNERS = 3, 40
 @calibrate.command("camera", epilog="Example:  davpc calibrate camera --live --board 9x6 --square-mm 25")
 def calibrate_lens(
     folder: Annotated[Path | None, typer.Argument(help="images of the board (png, jpg, bmp)")] = None,
-    live: Annotated[bool, typer.Option("--live", help="look through the camera until the image is covered")] = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="collect views through the camera until the image is covered")
+    ] = False,
     board: Annotated[str, typer.Option(help="inner corners, columns x rows")] = "9x6",
     square_mm: Annotated[float, typer.Option(min=1)] = 25.0,
-    serial: Annotated[str, typer.Option(help="of the camera", show_default="as the driver tells it")] = "",
+    serial: Annotated[str, typer.Option(help="of the camera", show_default="as the driver gives it")] = "",
     out: Path = Path("calibration.toml"),
     runtime: RuntimeOption = None,
     config: ConfigOption = None,
@@ -53,8 +56,8 @@ def calibrate_lens(
     if folder is not None:
         (views, size), origin, camera = _photographed(folder, shown), str(folder), serial or "unknown"
     else:
-        views, size, told = _watched(shown, loaded(config, overrides), config or default_config_path(), runtime)
-        origin, camera = "calibrate camera --live", serial or told
+        views, size, camera_id = _watched(shown, loaded(config, overrides), config or default_config_path(), runtime)
+        origin, camera = "calibrate camera --live", serial or camera_id
     typer.echo(f"{len(views)} views, corners in {coverage_of(views, size).share:.0%} of the image")
     try:
         found = calibrate_camera(views, shown, size)
@@ -74,7 +77,7 @@ def check(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """Say whether the configured lens and image size are those of a calibration, and how old it is."""
+    """Check that the configured lens and image size are those of a calibration; show how old it is."""
     calibration = stored(file)
     days = age_days(calibration, datetime.now(UTC).date(), file)
     wrong = differences(calibration, loaded(config, overrides).camera)
@@ -143,9 +146,9 @@ def _board(text: str, square_mm: float) -> Board:
 def _watched(
     kind: Board, robots: Config, path: Path, runtime: Path | None
 ) -> tuple[list[Array], tuple[int, int], str]:
-    """Views taken live, the images' size, and whose they are; Ctrl-C ends the collecting, not the command."""
+    """Views taken live, the images' size, the camera's name; Ctrl-C ends the collecting, not the command."""
     collector = BoardCollector(kind, (robots.camera.width_px, robots.camera.height_px))
-    told = "unknown"
+    camera_id = "unknown"
     with (
         open_frames(robots, path, runtime) as images,
         Live(refresh_per_second=8) as screen,
@@ -158,9 +161,9 @@ def _watched(
             screen.update(Text(text))
 
         first = next(images)
-        told = first.camera_id
+        camera_id = first.camera_id
         collect((taken.image for taken in images), collector, show)
-    return collector.views, collector.size, told
+    return collector.views, collector.size, camera_id
 
 
 def _photographed(folder: Path, kind: Board) -> tuple[list[Array], tuple[int, int]]:

@@ -1,4 +1,4 @@
-"""``davpc camera`` and ``davpc teach``: what the Follower sees, and what it shall see when it has docked."""
+"""``davpc camera`` and ``davpc teach``: what the Follower sees, and what it has to see when it has docked."""
 
 from __future__ import annotations
 

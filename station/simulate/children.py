@@ -37,7 +37,13 @@ def start_children(
 ) -> None:
     """Start every process of the table and enter it into ``children`` at once, so that it can be stopped.
 
-    ``keep_open`` is a file descriptor that they inherit.
+    Args:
+        children: where they are entered.
+        config_path: configuration file.
+        overrides: of it, as ``table.key=value``.
+        runtime: folder of their sockets and frames.
+        logs: folder of their logs.
+        keep_open: file descriptor that they inherit.
     """
     for entry in ONE_MACHINE:
         command = [sys.executable, "-m", "station.cli", "run", entry.name]
@@ -114,7 +120,7 @@ def _remove_orphans(parent: Path) -> None:
 
 @contextlib.contextmanager
 def listening_socket() -> Iterator[socket.socket]:
-    """The CAN server's socket: bound here, so that its port is known and nobody else's."""
+    """The CAN server's socket: bound here, so that its port is known and taken."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         yield server
 

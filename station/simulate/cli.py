@@ -28,9 +28,7 @@ simulate = typer.Typer()
 
 @simulate.command(epilog="Example:  davpc sim --start 6,1.5,0 --seed 3 --out out/run3")
 def sim(
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="of all that is random", show_default="configuration: 1")
-    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="random seed", show_default="configuration: 1")] = None,
     start: Annotated[
         str | None,
         typer.Option(help="metres behind the Leader, metres left, degrees", show_default="configuration: 6,1.5,0"),

@@ -69,7 +69,7 @@ class DockingRecord:
 
     @property
     def phase(self) -> Phase:
-        """The supervisor's phase, as last heard."""
+        """The supervisor's newest phase."""
         return self.mission.phase if self.mission else "idle"
 
     def take(self, channel: Channel[Any], message: Any, stamp_ns: int) -> None:
@@ -231,7 +231,7 @@ class DockingRecord:
         }
 
     def _locked(self) -> bool:
-        """The Leader says that this trolley is locked; its count is unknown to it after a restart."""
+        """The Leader reports this trolley locked; after a restart its count is not known."""
         leader = self.leader
         return leader is not None and leader.lock == "locked" and leader.queue in (None, self.trolley)
 

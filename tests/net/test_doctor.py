@@ -9,7 +9,7 @@ from common.config import load_config
 from common.messages import GatewayState
 from gateway.access import robot_access
 from station.doctor.bus import RobotReport, listen
-from station.doctor.findings import Seen
+from station.doctor.findings import ProbeResult
 from station.doctor.network import check_access, check_certificate, check_link
 from tests.conftest import REFERENCE
 from tests.net.conftest import READY_S, Gateways, needs_openssl
@@ -38,9 +38,9 @@ def test_rules_link_and_certificate_of_a_running_gateway(gateways: Gateways) -> 
     network = load_config(REFERENCE, gateways.settings).network
     same = check_access("follower", robot_access(network, "follower"), network.namespace, state)
     assert same.status == "ok", same
-    assert "as the gateway works" in same.seen
+    assert "as the gateway applies them" in same.seen
     edited = load_config(REFERENCE, [*gateways.settings, "network.operators=[]"]).network
     other = check_access("follower", robot_access(edited, "follower"), edited.namespace, state)
     assert other.status == "failed", other
     assert check_link("follower", state).status == "ok"
-    assert check_certificate("follower", Seen(state.certificate_left_s)).status == "ok"
+    assert check_certificate("follower", ProbeResult(state.certificate_left_s)).status == "ok"

@@ -12,23 +12,23 @@ from typing import Any
 
 import pytest
 
-from common.config import Config, LimitsConfig
+from common.config import Config
 from common.errors import ConfigError, DeviceError
 from common.messages import Drives, GatewayState, Health, LeaderState
 from common.processes import PROCESSES
 from gateway.access import robot_access, rules_digest
 from station.calibrate.lens_file import StoredCalibration
 from station.doctor import probes as doctor_probes
-from station.doctor.examination import Visit, default_robots
+from station.doctor.examination import Examination, default_robots
 from station.doctor.findings import (
     Finding,
-    Seen,
+    ProbeResult,
     Status,
     as_table,
     failed,
     is_well,
-    look,
     ok,
+    run_probe,
     skipped,
     summary,
     warning,
@@ -56,7 +56,6 @@ from station.doctor.robot import (
     check_drives,
     check_leader,
     check_leds_seen,
-    check_limits,
     check_processes,
     check_taught,
 )
@@ -152,10 +151,10 @@ def test_a_service_manager_that_does_not_answer_is_not_taken_for_none(
 ) -> None:
     monkeypatch.setattr(doctor_probes, "_SYSTEMD", tmp_path)
     monkeypatch.setattr(doctor_probes, "_output", lambda _: None)
-    findings = {found.check: found for found in Visit(("leader",), tmp_path, tmp_path / "none.toml").findings()}
+    findings = {found.check: found for found in Examination(("leader",), tmp_path, tmp_path / "none.toml").findings()}
     told(findings["units leader"], "warning", "systemctl did not answer")
     monkeypatch.setattr(doctor_probes, "_SYSTEMD", tmp_path / "none")
-    findings = {found.check: found for found in Visit(("leader",), tmp_path, tmp_path / "none.toml").findings()}
+    findings = {found.check: found for found in Examination(("leader",), tmp_path, tmp_path / "none.toml").findings()}
     told(findings["units leader"], "skipped", "systemd does not run here")
 
 
@@ -171,12 +170,13 @@ def test_command_lines_are_understood() -> None:
 # -- the robot
 
 
-def test_configuration_and_limits(config: Config) -> None:
-    told(check_configuration(FILE, Seen(config)), "ok", "calibration.toml")
-    told(check_configuration(FILE, Seen(why="robots.toml: camera.rate_hz: too much")), "failed", "camera.rate_hz")
-    told(check_limits(config.limits), "ok", "v 0.5 of 0.6 m/s")
-    beyond = LimitsConfig.model_construct(**{**config.limits.model_dump(), "v_max_m_s": 0.7})
-    told(check_limits(beyond), "failed", "v 0.7 > 0.6 m/s")
+def test_configuration(config: Config) -> None:
+    told(check_configuration(FILE, ProbeResult(config)), "ok", "calibration.toml")
+    told(
+        check_configuration(FILE, ProbeResult(why="robots.toml: camera.rate_hz: too much")),
+        "failed",
+        "camera.rate_hz",
+    )
 
 
 def changed(section: Any, **values: Any) -> Any:
@@ -208,7 +208,7 @@ def test_calibration(config: Config) -> None:
     )
 
     def check(calibration: StoredCalibration, camera_id: str = "v4l2:042", today: date = TODAY) -> Finding:
-        return check_calibration(Seen(calibration), camera, camera_id, today, FILE)
+        return check_calibration(ProbeResult(calibration), camera, camera_id, today, FILE)
 
     told(check(good), "ok", "30 days old")
     told(check(good, camera_id=""), "ok")
@@ -217,9 +217,9 @@ def test_calibration(config: Config) -> None:
     told(check(changed(good, width_px=640)), "failed", "instead of 640")
     told(check(changed(good, lens=changed(camera.lens, fx_px=400.0))), "failed", "camera.lens.fx_px")
     told(check(changed(good, date="yesterday")), "failed", "date")
-    told(check_calibration(Seen(why="no such file"), camera, "", TODAY, FILE), "failed", "no such file")
-    told(check_calibration(Seen(), changed(camera, calibration=""), "", TODAY, FILE), "failed", "names none")
-    told(check_calibration(Seen(), config.camera, "", TODAY, FILE), "skipped", "driver sim")
+    told(check_calibration(ProbeResult(why="no such file"), camera, "", TODAY, FILE), "failed", "no such file")
+    told(check_calibration(ProbeResult(), changed(camera, calibration=""), "", TODAY, FILE), "failed", "names none")
+    told(check_calibration(ProbeResult(), config.camera, "", TODAY, FILE), "skipped", "driver sim")
 
 
 def test_camera(config: Config) -> None:
@@ -229,16 +229,16 @@ def test_camera(config: Config) -> None:
     told(check_camera_rate(at_60_hz, 0, 90.0, "here"), "failed", "60.0 Hz of 90")
     told(check_camera_rate([], 0, 60.0, "here"), "failed", "0 frames")
     usb = changed(config.camera, driver="v4l2")
-    told(check_camera_link(Seen(5000.0), usb), "ok", "images need 629")
-    told(check_camera_link(Seen(480.0), usb), "failed", "USB 3")
-    told(check_camera_link(Seen(why="no camera is on USB here"), usb), "skipped", "no camera")
-    told(check_camera_link(Seen(5000.0), config.camera), "skipped", "driver sim")
+    told(check_camera_link(ProbeResult(5000.0), usb), "ok", "images need 629")
+    told(check_camera_link(ProbeResult(480.0), usb), "failed", "USB 3")
+    told(check_camera_link(ProbeResult(why="no camera is on USB here"), usb), "skipped", "no camera")
+    told(check_camera_link(ProbeResult(5000.0), config.camera), "skipped", "driver sim")
 
 
 def test_taught_images_and_leds() -> None:
-    told(check_taught(Seen([1, 2])), "ok", "1, 2")
-    told(check_taught(Seen(list[int]())), "ok", "geometry")
-    told(check_taught(Seen(why="taught with another lens")), "failed", "another lens", "davpc teach 1")
+    told(check_taught(ProbeResult([1, 2])), "ok", "1, 2")
+    told(check_taught(ProbeResult(list[int]())), "ok", "geometry")
+    told(check_taught(ProbeResult(why="taught with another lens")), "failed", "another lens", "davpc teach 1")
     told(check_leds_seen(4, 4, ""), "ok", "4 of 4")
     told(check_leds_seen(1, 4, "(few_leds)"), "warning", "1 of 4 (few_leds)")
 
@@ -297,17 +297,21 @@ def test_leader() -> None:
     told(check(ready=False, cause="I/O module silent"), "failed", "I/O module silent")
     told(check(led_derated=True), "warning", "derated")
     told(check(queue=None), "warning", "davpc lock count")
-    told(check_leader(None, 0.15), "failed", "not heard")
+    told(check_leader(None, 0.15), "failed", "nothing of it")
 
 
 # -- the network
 
 
 def test_certificates() -> None:
-    told(check_certificate("follower", Seen(200 * DAY_S)), "ok", "200.0 days")
-    told(check_certificate("follower", Seen(20 * DAY_S)), "warning", "deploy/pki.sh renew follower")
-    told(check_certificate("follower", Seen(0.5 * DAY_S)), "failed", "0.5 days")
-    told(check_certificate("follower", Seen(why="follower.key: others may read it")), "failed", "others may read")
+    told(check_certificate("follower", ProbeResult(200 * DAY_S)), "ok", "200.0 days")
+    told(check_certificate("follower", ProbeResult(20 * DAY_S)), "warning", "deploy/pki.sh renew follower")
+    told(check_certificate("follower", ProbeResult(0.5 * DAY_S)), "failed", "0.5 days")
+    told(
+        check_certificate("follower", ProbeResult(why="follower.key: others may read it")),
+        "failed",
+        "others may read",
+    )
 
 
 def test_access_rules(config: Config) -> None:
@@ -317,7 +321,7 @@ def test_access_rules(config: Config) -> None:
         return check_access("follower", rules, config.network.namespace, running)
 
     told(check(generated, None), "ok", "no gateway runs")
-    told(check(generated, GatewayState(True, 1e6, rules_digest(generated))), "ok", "as the gateway works")
+    told(check(generated, GatewayState(True, 1e6, rules_digest(generated))), "ok", "as the gateway applies them")
     other = robot_access(config.network.model_copy(update={"namespace": "elsewhere"}), "follower")
     told(check(generated, GatewayState(True, 1e6, rules_digest(other))), "failed", "restart davpc-follower-gateway")
     leaking = copy.deepcopy(generated)
@@ -331,7 +335,7 @@ def test_access_rules(config: Config) -> None:
 
 def test_link() -> None:
     told(check_link("follower", GatewayState(True, 1e6, "")), "ok")
-    told(check_link("follower", GatewayState(False, 1e6, "")), "warning", "not heard")
+    told(check_link("follower", GatewayState(False, 1e6, "")), "warning", "nothing of the other")
     told(check_link("follower", None), "skipped")
 
 
@@ -356,20 +360,20 @@ def raising(error: Exception) -> Callable[[], int]:
     ],
 )
 def test_a_probe_that_fails_is_a_line(error: Exception, line: str) -> None:
-    assert look(raising(error), 10.0) == Seen(why=line)
+    assert run_probe(raising(error), 10.0) == ProbeResult(why=line)
 
 
 def test_a_probe_that_hangs_is_left_behind() -> None:
     never = threading.Event()
-    assert look(never.wait, 0.05).why == "no answer within 0 s"
+    assert run_probe(never.wait, 0.05).why == "no answer within 0 s"
     never.set()
-    assert look(lambda: 3, 10.0) == Seen(3)
+    assert run_probe(lambda: 3, 10.0) == ProbeResult(3)
 
 
 def test_the_report() -> None:
     findings = [ok("a", "well"), warning("b", "old", "renew"), skipped("c", "there is none")]
     assert is_well(findings)
-    assert summary(findings) == "1 warning, 1 ok, 1 skipped"
+    assert summary(findings) == "1 warning, 1 ok, 1 skipped\nnot looked at: c"
     assert findings[1].line().split() == ["warning", "b", "old", "→", "renew"]
     findings.append(failed("d", "broken", "mend"))
     assert not is_well(findings)
