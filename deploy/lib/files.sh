@@ -75,7 +75,8 @@ write_configuration() { # ROBOT: templates where there is nothing yet
   done
   if [ ! -e "$ETC/robots.toml" ]; then
     run template "$ETC/robots.toml"
-    say "wrote $ETC/robots.toml: put the pair's measures in, the same file on both robots"
+    [ -n "$dry_run" ] ||
+      say "wrote $ETC/robots.toml: put the pair's measures in, the same file on both robots"
   fi
   if [ "$(cat "$ETC/robot" 2>/dev/null)" != "$1 $variant" ]; then
     run write "$ETC/robot" "$1 $variant"

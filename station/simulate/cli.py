@@ -55,25 +55,19 @@ def sim(
     """Dock one trolley, or a queue, with both robots, simulated. `davpc sim --trolleys 8`"""
     draw = _drawing(required=attach is None)
     console = Console(force_terminal=False if headless else None, highlight=False)
-    chosen = list(overrides or [])
-    if seed is not None:
-        chosen.append(f"world.seed={seed}")
-    if start is not None:
-        chosen.append(f"world.start={list(numbers(start, 3))}")
-    if scene is not None:
-        chosen.append(f"world.scene={json.dumps(scene)}")
-    chosen_run = Run(config or default_config_path(), chosen, out, trolleys)
-    world = chosen_run.world
+    chosen = [*(overrides or []), *_world_overrides(seed, start, scene)]
+    run = Run(config or default_config_path(), chosen, out, trolleys)
+    world = run.world
     x_m, y_m, theta_deg = world.start
     console.print(
         f"docking from {x_m:g},{y_m:g},{theta_deg:g} in scene {world.scene}, seed {world.seed}, "
         + ("stepped" if stepped else f"{len(PROCESSES if attach else ONE_MACHINE)} processes")
     )
-    with live_progress(console) as chosen_run.progress:
+    with live_progress(console) as run.progress:
         if attach is not None:
-            done = run_attached(chosen_run, attach)
+            done = run_attached(run, attach)
         else:
-            done = run_stepped(chosen_run) if stepped else run_processes(chosen_run)
+            done = run_stepped(run) if stepped else run_processes(run)
     settings = {
         "seed": world.seed,
         "start": list(world.start),
@@ -89,6 +83,16 @@ def sim(
     console.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)
     if not results["connected"]:
         raise typer.Exit(EXIT_NOT_DOCKED)
+
+
+def _world_overrides(seed: int | None, start: str | None, scene: str | None) -> list[str]:
+    """Options of the simulated world as overrides of the configuration."""
+    chosen = {
+        "seed": seed,
+        "start": None if start is None else list(numbers(start, 3)),
+        "scene": None if scene is None else json.dumps(scene),
+    }
+    return [f"world.{key}={value}" for key, value in chosen.items() if value is not None]
 
 
 def _drawing(required: bool) -> Callable[[Sequence[DockingRecord], Path], list[Path]]:
