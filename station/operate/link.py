@@ -45,7 +45,9 @@ def running_robot(runtime: Path | None) -> Path:
     if not found:
         raise DeviceError("no robot runs here: start one (davpc sim), or name its folder with --runtime")
     if len(found) > 1:
-        raise DeviceError(f"{len(found)} simulated pairs run here: name one with --runtime {found[0]}")
+        raise DeviceError(
+            f"{len(found)} simulated pairs run here: name one with --runtime: {', '.join(map(str, found))}"
+        )
     return found[0]
 
 
