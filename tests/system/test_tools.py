@@ -74,7 +74,7 @@ def _teach(runtime: Path, path: Path, config: Config) -> None:
     assert (taught.trolley, taught.frames) == (1, 30)
     assert taught.pose.as_array() == pytest.approx(truth.as_array(), abs=0.02)
     assert taught.features == pytest.approx(features_at(config.leds.points, truth, config.camera.mount), abs=1e-3)
-    assert taught.offset_px > 5.0, "it stands before the goal, and that is told"
+    assert taught.offset_px > 5.0, "it stands before the goal, and that is reported"
 
 
 def _view(runtime: Path, path: Path, config: Config) -> None:

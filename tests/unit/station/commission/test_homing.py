@@ -1,4 +1,4 @@
-"""Homing of axes with incremental encoders: on a person's word, by limit switch or where they stand."""
+"""Homing of axes with incremental encoders: on the operator's command, by limit switch or where they stand."""
 
 from __future__ import annotations
 
@@ -115,13 +115,13 @@ def test_without_such_an_axis_there_is_nothing_to_home() -> None:
 
 
 @pytest.mark.parametrize(
-    ("override", "told"),
+    ("override", "message"),
     [
         ("follower_can.left_wheel.homing={HOMING}", "homing is for joints and lift"),
         ("follower_can.lift.zero_counts=5", "zero_counts is of an absolute encoder"),
     ],
 )
-def test_configuration_of_homing_is_checked(override: str, told: str) -> None:
+def test_configuration_of_homing_is_checked(override: str, message: str) -> None:
     text = "{ method = 17, position = 0.0, search_speed = 0.1, zero_speed = 0.1, acceleration = 1.0 }"
-    with pytest.raises(ConfigError, match=told):
+    with pytest.raises(ConfigError, match=message):
         load_config(CONFIG_PATH, [f"follower_can.lift.homing={text}", override.replace("{HOMING}", text)])

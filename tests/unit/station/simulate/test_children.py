@@ -1,4 +1,4 @@
-"""What a station takes for the end of a process that somebody else started."""
+"""When a process that another launcher started counts as gone."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from station.simulate.children import Absence
 
 
 class PlayedBus:
-    """Says who is alive."""
+    """Reports which processes are alive."""
 
     def __init__(self) -> None:
         self.names: set[str] = set()
