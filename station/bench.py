@@ -10,41 +10,41 @@ import typer
 from experiments.bench import can, control, perception
 from station.options import ConfigOption, OutOption, SeedOption, SetOption, loaded, show
 
-bench = typer.Typer(no_args_is_help=True, help="Measure side by side what things cost. `davpc bench control`")
+bench = typer.Typer(no_args_is_help=True, help="Measure run times side by side. `davpc bench control`")
 
 
 @bench.command("control", epilog="Example:  davpc bench control --problems 600")
 def run_control(
-    problems: Annotated[int, typer.Option(min=10)] = 600,
+    problems: Annotated[int, typer.Option(min=10, help="to solve with each")] = 600,
     seed: SeedOption = 1,
     out: OutOption = Path("out/bench-control"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """The same recorded problems through every solver."""
+    """Solve the same recorded problems with every solver."""
     control.run(out, seed, 1, loaded(config, overrides), problems)
     show(out)
 
 
 @bench.command("perception", epilog="Example:  davpc bench perception --rounds 200")
 def run_perception(
-    rounds: Annotated[int, typer.Option(min=10)] = 200,
+    rounds: Annotated[int, typer.Option(min=10, help="over the frames")] = 200,
     out: OutOption = Path("out/bench-perception"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """Every path of perception beside what one would use instead, on the same frames."""
+    """Time every path of perception beside its alternative, on the same frames."""
     perception.run(out, loaded(config, overrides), rounds)
     show(out)
 
 
 @bench.command("can", epilog="Example:  davpc bench can --cycles 2000")
 def run_can(
-    cycles: Annotated[int, typer.Option(min=100, help="of 10 ms")] = 2000,
+    cycles: Annotated[int, typer.Option(min=100, help="cycles of 10 ms")] = 2000,
     real_bus: Annotated[bool, typer.Option(help="the configured bus instead of simulated nodes")] = False,
     out: OutOption = Path("out/bench-can"),
     config: ConfigOption = None,
 ) -> None:
-    """Round trip, exchange and lateness of the bridge's loop, and its share of a core."""
+    """Measure round trip, exchange and lateness of the bridge's loop, and its share of a core."""
     can.run(out, config, real_bus, cycles)
     show(out)

@@ -30,7 +30,7 @@ EXIT_MISSED = 1
 
 @experiment.command("table1", epilog="Example:  davpc experiment table1 --trials 100 --out out/table1")
 def run_table1(
-    trials: Annotated[int, typer.Option(min=1)] = 100,
+    trials: Annotated[int, typer.Option(min=1, help="starts of each method and case")] = 100,
     methods: MethodsOption = "",
     cases: CasesOption = "",
     pixels: PixelsOption = False,
@@ -63,7 +63,7 @@ def run_trajectories(
 
 @experiment.command("disturbance", epilog="Example:  davpc experiment disturbance --trials 16")
 def run_disturbance(
-    trials: Annotated[int, typer.Option(min=1)] = 16,
+    trials: Annotated[int, typer.Option(min=1, help="starts of each method and case")] = 16,
     methods: MethodsOption = "",
     cases: CasesOption = "",
     pixels: PixelsOption = False,
@@ -81,7 +81,7 @@ def run_disturbance(
 
 @experiment.command("sweep", epilog="Example:  davpc experiment sweep --trials 10")
 def run_sweep(
-    trials: Annotated[int, typer.Option(min=1)] = 10,
+    trials: Annotated[int, typer.Option(min=1, help="starts of each setting")] = 10,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
     out: OutOption = Path("out/sweep"),
@@ -112,15 +112,17 @@ def run_perception(
 def run_stop_times(
     trials: Annotated[
         int,
-        typer.Option(min=1, help="of each fault of the controller; half of the bridge's, three tenths of others'"),
+        typer.Option(
+            min=1, help="of each fault of the controller; half as many of the bridge's, three tenths of others'"
+        ),
     ] = 100,
-    stalls: Annotated[int, typer.Option(min=0, help="of controller or bridge, 0.2 to 10 s")] = 50,
+    stalls: Annotated[int, typer.Option(min=0, help="stalls of controller or bridge, 0.2 to 10 s")] = 50,
     methods: MethodsOption = "",
     seed: SeedOption = 1,
     out: OutOption = Path("out/stop-times"),
     config: ConfigOption = None,
 ) -> None:
-    """How long the wheels go on after a process was killed or stopped."""
+    """How long the wheels keep turning after a process was killed or stopped."""
     stop_times.run(out, config, trials, stalls, seed, typer.echo, names(methods, stop_times.NAMES, "method"))
     show(out)
 
@@ -182,7 +184,7 @@ def run_linkcut(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """The robots' link cut in the approach: the velocity commands stay equal to the bit; exit code 1 if not."""
+    """The robots' link cut in the approach: the velocity commands stay bit-identical; exit code 1 if not."""
     results = linkcut.run(out, seed, jobs, loaded(config, overrides), trials)
     _judge(out, results)
 
@@ -201,7 +203,7 @@ def run_incidents(
 ) -> None:
     """Hidden LEDs, jams, stuck switches, a dead LED or Leader: reaction and cause as docs/safety.md requires.
 
-    Exit code 1 if one is otherwise.
+    Exit code 1 if one differs.
     """
     chosen = names(cases, tuple(CASES), "incident")
     results = incidents.run(out, seed, jobs, loaded(config, overrides), trials, chosen)

@@ -37,9 +37,11 @@ def calibrate_lens(
         bool, typer.Option("--live", help="collect views through the camera until the image is covered")
     ] = False,
     board: Annotated[str, typer.Option(help="inner corners, columns x rows")] = "9x6",
-    square_mm: Annotated[float, typer.Option(min=1)] = 25.0,
-    serial: Annotated[str, typer.Option(help="of the camera", show_default="as the driver gives it")] = "",
-    out: Path = Path("calibration.toml"),
+    square_mm: Annotated[float, typer.Option(min=1, help="side of a square")] = 25.0,
+    serial: Annotated[
+        str, typer.Option(help="serial number of the camera", show_default="as the driver gives it")
+    ] = "",
+    out: Annotated[Path, typer.Option(help="file to write")] = Path("calibration.toml"),
     runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
@@ -116,7 +118,7 @@ def calibrate_mounting(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """Fit the camera's place and attitude from the array seen at measured poses of {L} in {F}."""
+    """Fit the camera's position and attitude from the array seen at measured poses of {L} in {F}."""
     robots = loaded(config, overrides)
     camera = robots.camera
     try:

@@ -29,7 +29,7 @@ camera = typer.Typer(no_args_is_help=True, help="Look through the camera. `davpc
 
 @camera.command(epilog="Example:  davpc camera snapshot --out now.png")
 def snapshot(
-    out: Path = Path("snaptaken.png"),
+    out: Annotated[Path, typer.Option(help="file to write")] = Path("snapshot.png"),
     runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,

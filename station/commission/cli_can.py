@@ -27,7 +27,7 @@ can = typer.Typer(no_args_is_help=True, help="Look at a CAN bus and test its axe
 
 @can.command(epilog="Example:  davpc can scan --bus leader")
 def scan(
-    bus: Annotated[Literal["follower", "leader"], typer.Option(help="which robot's")] = "follower",
+    bus: Annotated[Literal["follower", "leader"], typer.Option(help="which robot's bus")] = "follower",
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:

@@ -42,7 +42,7 @@ def doctor(
     robot: Annotated[
         RobotChoice | None, typer.Option(help="which robot's parts", show_default="as installed, else both")
     ] = None,
-    devices: Annotated[bool, typer.Option(help="open camera and CAN bus if no process of davpc has them")] = True,
+    devices: Annotated[bool, typer.Option(help="open camera and CAN bus if no process of davpc uses them")] = True,
     as_json: JsonOption = False,
     runtime: RuntimeOption = None,
     config: ConfigOption = None,

@@ -30,7 +30,9 @@ _INSTALLED = Path("/var/lib/davpc")
 @dock.command(epilog="Example:  davpc dock start --trolley 2 --wait")
 def start(
     trolley: Annotated[int, typer.Option(min=1, max=99, help="K: 1 is the first of the queue")] = 1,
-    wait: Annotated[bool, typer.Option("--wait", help="until it is done or aborted; shows how far it is")] = False,
+    wait: Annotated[
+        bool, typer.Option("--wait", help="wait until it is done or aborted; show phase and errors")
+    ] = False,
     runtime: RuntimeOption = None,
     config: ConfigOption = None,
     as_json: JsonOption = False,
@@ -78,7 +80,7 @@ def status(runtime: RuntimeOption = None, config: ConfigOption = None, as_json: 
 
 @dock.command(epilog="Example:  davpc dock report --last 50")
 def report(
-    last: Annotated[int, typer.Option(min=1, max=10_000, help="attempts")] = 20,
+    last: Annotated[int, typer.Option(min=1, max=10_000, help="how many attempts")] = 20,
     state: Annotated[
         Path | None,
         typer.Option(help="folder of the reports", show_default="state_directory, or the running robot's"),

@@ -89,7 +89,7 @@ def lock_reset(
 
 @lock.command("count", epilog="Example:  davpc lock count 3 --yes")
 def lock_count(
-    trolleys: Annotated[int, typer.Argument(min=0, max=99, help="that stand locked in the queue")],
+    trolleys: Annotated[int, typer.Argument(min=0, max=99, help="locked in the queue")],
     yes: YesOption = False,
     runtime: RuntimeOption = None,
     config: ConfigOption = None,

@@ -15,11 +15,11 @@ from typing import Annotated, Literal
 import typer
 
 from common.errors import DeviceError
+from station.interrupts import interruptible
 from station.operate.answers import namespace
 from station.operate.link import running_robot
 from station.operate.manual import Fingers, Keys, ManualFeedback, ManualLink
 from station.options import ConfigOption, RuntimeOption
-from station.simulate.children import interruptible
 
 manual = typer.Typer()
 
@@ -88,7 +88,7 @@ def grip(
 
 @manual.command(epilog="Example:  davpc lift 200")
 def lift(
-    height_mm: Annotated[float, typer.Argument(metavar="MM", min=0, max=1000, help="above its lowest place")],
+    height_mm: Annotated[float, typer.Argument(metavar="MM", min=0, max=1000, help="above its lowest position")],
     runtime: RuntimeOption = None,
     config: ConfigOption = None,
 ) -> None:

@@ -21,11 +21,11 @@ def run(
     name: Annotated[str, typer.Argument(help=f"one of {', '.join(p.name for p in PROCESSES)}")],
     runtime: Annotated[Path, typer.Option(help="private folder of the robot's sockets and frames")] = ROBOT,
     shadow: Annotated[
-        bool, typer.Option("--shadow", help="the CAN bridge never enables a drive and tells what it would command")
+        bool, typer.Option("--shadow", help="the CAN bridge never enables a drive and reports what it would command")
     ] = False,
     readonly: Annotated[
         bool,
-        typer.Option("--readonly", help="the CAN bridge sends nothing and tells what another master's drives do"),
+        typer.Option("--readonly", help="the CAN bridge sends nothing and reports what another master's drives do"),
     ] = False,
     config: ConfigOption = None,
     overrides: SetOption = None,

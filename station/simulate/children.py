@@ -27,7 +27,6 @@ _GONE_AFTER = 3
 _PR_SET_PDEATHSIG = 1
 _PREFIX, _NEW_PREFIX = "davpc-sim-", "davpc-new-"
 _OWNER = "owner.lock"
-_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 Children = dict[str, subprocess.Popen[bytes]]
 
@@ -131,18 +130,6 @@ def with_server(overrides: Sequence[str], server: socket.socket) -> list[str]:
     buses = [f'{bus}.bus.host="{host}"' for bus in ("follower_can", "leader_can")]
     buses += [f"{bus}.bus.port={port}" for bus in ("follower_can", "leader_can")]
     return [*overrides, *buses, f"world.can_server_fd={server.fileno()}"]
-
-
-@contextlib.contextmanager
-def interruptible() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C, SIGTERM and a closed terminal set a flag, so that everything is taken down in order."""
-    seen: list[int] = []
-    before = {number: signal.signal(number, lambda n, _: seen.append(n)) for number in _STOP_SIGNALS}
-    try:
-        yield lambda: bool(seen)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def death(children: Children, logs: Path) -> str:

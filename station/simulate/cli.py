@@ -13,6 +13,7 @@ from rich.console import Console
 from common.config import default_config_path
 from common.errors import ConfigError
 from common.processes import ONE_MACHINE, PROCESSES
+from sim.optics.scenes import SCENES
 from station.options import ConfigOption, SetOption, numbers
 from station.simulate import report
 from station.simulate.processes import run_attached, run_processes
@@ -36,7 +37,7 @@ def sim(
     scene: Annotated[
         str | None,
         typer.Option(
-            help="dark_outdoor, parking_lot, glass_hall, clutter40, blocked, dead_led, second_leader",
+            help=", ".join(name for name in SCENES if name != "clean"),
             show_default="configuration: clean",
         ),
     ] = None,

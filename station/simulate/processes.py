@@ -16,12 +16,12 @@ from common.messages import LockRequest, MessageError
 from common.processes import GATEWAYS, ONE_MACHINE, PROCESSES
 from common.timing import NS_PER_MS, NS_PER_S
 from experiments.queues.collector import Collector
+from station.interrupts import interruptible
 from station.operate.link import RobotLink
 from station.simulate.children import (
     Absence,
     Children,
     death,
-    interruptible,
     listening_socket,
     resident_mb,
     runtime_directory,

@@ -40,9 +40,7 @@ def link(monkeypatch: pytest.MonkeyPatch) -> PlayedLink:
     return played
 
 
-def test_ctrl_c_while_waiting_names_what_goes_on(
-    link: PlayedLink, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_while_waiting_names_what_goes_on(link: PlayedLink, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
