@@ -80,7 +80,7 @@ def check_clock(synchronised: bool | None, stepped_s: float, now_s: float, newes
 
     Args:
         synchronised: as the machine reports it; None where it does not.
-        stepped_s: by how much the wall clock went otherwise than the monotonic one meanwhile.
+        stepped_s: by how much the wall clock moved against the monotonic one meanwhile.
         now_s: wall clock, seconds since 1970.
         newest_file_s: of davpc's own files, so that the true time lies after it.
     """

@@ -1,4 +1,4 @@
-"""Running robots in words: lines for people, of what their processes report."""
+"""Running robots in words: lines for the operator, from what their processes report."""
 
 from __future__ import annotations
 

@@ -139,7 +139,7 @@ class DockingRecord:
         docking = self.config.docking
         return docking.lateral_bound_first_m if self.trolley == 1 else docking.lateral_bound_next_m
 
-    # --- what came out
+    # --- results
 
     def phase_start_ns(self, phase: Phase) -> int | None:
         """When the phase was first announced."""
