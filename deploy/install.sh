@@ -205,7 +205,7 @@ uninstall() {
     run rm -rf "$ETC" /var/lib/davpc
     ! getent passwd davpc >/dev/null || run userdel davpc
   else # files of a user who is gone would be the next one's who gets his number
-    say "$ETC, /var/lib/davpc and the user davpc, whose they are, stay; --purge removes them"
+    say "$ETC, /var/lib/davpc and the user davpc, their owner, stay; --purge removes them"
   fi
   if [ -n "$dry_run" ]; then say "dry run: nothing has been changed"; else say "uninstalled"; fi
 }

@@ -12,6 +12,7 @@ import typer
 from common.config import Config, default_config_path, load_config
 from common.errors import ConfigError
 
+# where an installed robot has its sockets and frames
 ROBOT = Path("/run/davpc")
 ConfigOption = Annotated[
     Path | None,
@@ -20,9 +21,15 @@ ConfigOption = Annotated[
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", envvar="DAVPC_SET", help="override, as table.key=value; repeatable")
 ]
-SeedOption = Annotated[int, typer.Option(min=0, help="of everything random")]
+SeedOption = Annotated[int, typer.Option(min=0, help="random seed")]
 JobsOption = Annotated[int, typer.Option(min=1, help="processes to share the work")]
-RuntimeOption = Annotated[Path, typer.Option(help="folder of the running robot's sockets and frames")]
+RuntimeOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--runtime", help="folder of the running robot's sockets and frames", show_default="the robot that runs here"
+    ),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="one JSON object for programs")]
 
 
 def loaded(config: Path | None, overrides: list[str] | None) -> Config:
@@ -88,3 +95,10 @@ def names(text: str, known: tuple[str, ...], what: str) -> tuple[str, ...]:
         if name not in known:
             raise ConfigError(f"no {what} {name!r}; there are: {', '.join(known)}")
     return wanted
+
+
+def show(out: Path) -> None:
+    """Print the table that an experiment wrote, and where its files are."""
+    for table in sorted(out.glob("*.md")):
+        typer.echo(table.read_text(encoding="utf-8"))
+    typer.echo(f"written: {', '.join(str(path) for path in sorted(out.iterdir()) if path.is_file())}")

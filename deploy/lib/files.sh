@@ -60,7 +60,7 @@ reload_devices() {
   fi
   [ "$variant" = hardware ] || return 0
   if ! systemctl -q is-enabled systemd-networkd 2>/dev/null; then
-    # it is to bring up can0; whether the network is online is somebody else's business, as before
+    # it is to bring up can0; whether the network is online is left to others, as before
     run systemctl enable --now systemd-networkd
     run systemctl disable systemd-networkd-wait-online
   fi
@@ -75,7 +75,8 @@ write_configuration() { # ROBOT: templates where there is nothing yet
   done
   if [ ! -e "$ETC/robots.toml" ]; then
     run template "$ETC/robots.toml"
-    say "wrote $ETC/robots.toml: put the pair's measures in, the same file on both robots"
+    [ -n "$dry_run" ] ||
+      say "wrote $ETC/robots.toml: put the pair's measures in, the same file on both robots"
   fi
   if [ "$(cat "$ETC/robot" 2>/dev/null)" != "$1 $variant" ]; then
     run write "$ETC/robot" "$1 $variant"

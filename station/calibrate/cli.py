@@ -6,18 +6,25 @@ import math
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import typer
+from rich.live import Live
+from rich.text import Text
 
 from common.config import Config, default_config_path
 from common.errors import ConfigError
 from common.geometry import Array, Pose2
-from station.options import ROBOT, ConfigOption, RuntimeOption, SetOption, loaded, numbers, writable
-
-if TYPE_CHECKING:
-    from station.calibrate.lens import Board
+from follower.camera.replay import read_grey
+from station.calibrate.board import Board, coverage_of, find_corners
+from station.calibrate.frames import measured, open_frames, valid_states
+from station.calibrate.lens import KINDS, CalibrationError, calibrate_camera
+from station.calibrate.lens_file import age_days, differences, store, stored
+from station.calibrate.live_board import BoardCollector, collect
+from station.calibrate.mount import MountError, View, averaged, calibrate_mount, whole_tilt_rad
+from station.calibrate.mount_file import load_views, save_views
+from station.options import ConfigOption, RuntimeOption, SetOption, loaded, numbers, writable
 
 calibrate = typer.Typer(no_args_is_help=True, help="Calibrate lens and mounting. `davpc calibrate camera --live`")
 _FEWEST_CORNERS, _MOST_CORNERS = 3, 40
@@ -26,12 +33,16 @@ _FEWEST_CORNERS, _MOST_CORNERS = 3, 40
 @calibrate.command("camera", epilog="Example:  davpc calibrate camera --live --board 9x6 --square-mm 25")
 def calibrate_lens(
     folder: Annotated[Path | None, typer.Argument(help="images of the board (png, jpg, bmp)")] = None,
-    live: Annotated[bool, typer.Option("--live", help="look through the camera until the image is covered")] = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="collect views through the camera until the image is covered")
+    ] = False,
     board: Annotated[str, typer.Option(help="inner corners, columns x rows")] = "9x6",
-    square_mm: Annotated[float, typer.Option(min=1)] = 25.0,
-    serial: Annotated[str, typer.Option(help="of the camera", show_default="as the driver tells it")] = "",
-    out: Path = Path("calibration.toml"),
-    runtime: RuntimeOption = ROBOT,
+    square_mm: Annotated[float, typer.Option(min=1, help="side of a square")] = 25.0,
+    serial: Annotated[
+        str, typer.Option(help="serial number of the camera", show_default="as the driver gives it")
+    ] = "",
+    out: Annotated[Path, typer.Option(help="file to write")] = Path("calibration.toml"),
+    runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -40,9 +51,6 @@ def calibrate_lens(
     Light the board evenly with a diffuse 940 nm source: the filter lets no other light through, and a torch beside
     the camera gives reflections. Show the board in every part of the image, the corners above all, and tilted.
     """
-    from station.calibrate.lens import KINDS, CalibrationError, calibrate_camera, coverage_of
-    from station.calibrate.lens_file import store
-
     shown = _board(board, square_mm)
     if live == (folder is not None):
         raise ConfigError("calibrate camera: name a folder of images, or --live")
@@ -50,8 +58,8 @@ def calibrate_lens(
     if folder is not None:
         (views, size), origin, camera = _photographed(folder, shown), str(folder), serial or "unknown"
     else:
-        views, size, told = _watched(shown, loaded(config, overrides), config or default_config_path(), runtime)
-        origin, camera = "calibrate camera --live", serial or told
+        views, size, camera_id = _watched(shown, loaded(config, overrides), config or default_config_path(), runtime)
+        origin, camera = "calibrate camera --live", serial or camera_id
     typer.echo(f"{len(views)} views, corners in {coverage_of(views, size).share:.0%} of the image")
     try:
         found = calibrate_camera(views, shown, size)
@@ -71,9 +79,7 @@ def check(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """Say whether the configured lens and image size are those of a calibration, and how old it is."""
-    from station.calibrate.lens_file import age_days, differences, stored
-
+    """Check that the configured lens and image size are those of a calibration; show how old it is."""
     calibration = stored(file)
     days = age_days(calibration, datetime.now(UTC).date(), file)
     wrong = differences(calibration, loaded(config, overrides).camera)
@@ -88,25 +94,16 @@ def view(
     pose: Annotated[str, typer.Argument(help="measured pose of {L} in {F}: x_m,y_m,theta_deg")],
     out: Annotated[Path, typer.Option(help="file that the view is added to")] = Path("views.json"),
     frames: Annotated[int, typer.Option(min=30, help="frames to average")] = 60,
-    runtime: RuntimeOption = ROBOT,
+    runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
     """Add what a robot at rest sees at a measured pose to the views for `davpc calibrate mount`."""
-    from common.bus import Bus
-    from common.executor import earlier_processes
-    from station.calibrate.frames import TOOL, measured, valid_states
-    from station.calibrate.mount import MountError, View, averaged
-    from station.calibrate.mount_file import load_views, save_views
-
     robots = loaded(config, overrides)
     x_m, y_m, theta_deg = numbers(pose, 3)
     writable(out)
-    if not runtime.is_dir():
-        raise ConfigError(f"{runtime}: no robot runs here")
     views = load_views(out, len(robots.leds.points)) if out.exists() else []
-    with Bus(TOOL, runtime, earlier_processes(TOOL), robots.network.namespace) as bus:
-        features = [measured(state) for state in valid_states(bus, frames)]
+    features = [measured(state) for state in valid_states(robots, runtime, frames)]
     try:
         mean = averaged(features, robots.camera.lens.fx_px)
     except MountError as error:
@@ -121,10 +118,7 @@ def calibrate_mounting(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """Fit the camera's place and attitude from the array seen at measured poses of {L} in {F}."""
-    from station.calibrate.mount import MountError, calibrate_mount, whole_tilt_rad
-    from station.calibrate.mount_file import load_views
-
+    """Fit the camera's position and attitude from the array seen at measured poses of {L} in {F}."""
     robots = loaded(config, overrides)
     camera = robots.camera
     try:
@@ -142,8 +136,6 @@ def calibrate_mounting(
 
 
 def _board(text: str, square_mm: float) -> Board:
-    from station.calibrate.lens import Board
-
     try:
         columns, rows = (int(part) for part in text.lower().split("x"))
     except ValueError:
@@ -153,18 +145,14 @@ def _board(text: str, square_mm: float) -> Board:
     return Board(columns, rows, square_mm / 1000)
 
 
-def _watched(kind: Board, robots: Config, path: Path, runtime: Path) -> tuple[list[Array], tuple[int, int], str]:
-    """Views taken live, the images' size, and whose they are; Ctrl-C ends the collecting, not the command."""
-    from rich.live import Live
-    from rich.text import Text
-
-    from station.calibrate.frames import open_frames
-    from station.calibrate.live_board import BoardCollector, collect
-
+def _watched(
+    kind: Board, robots: Config, path: Path, runtime: Path | None
+) -> tuple[list[Array], tuple[int, int], str]:
+    """Views taken live, the images' size, the camera's name; Ctrl-C ends the collecting, not the command."""
     collector = BoardCollector(kind, (robots.camera.width_px, robots.camera.height_px))
-    told = "unknown"
+    camera_id = "unknown"
     with (
-        open_frames(robots, path, runtime) as shots,
+        open_frames(robots, path, runtime) as images,
         Live(refresh_per_second=8) as screen,
         suppress(KeyboardInterrupt),
     ):
@@ -174,17 +162,14 @@ def _watched(kind: Board, robots: Config, path: Path, runtime: Path) -> tuple[li
             text = f"{collector.grid()}\n{len(collector.views)} views, {state}\n{collector.missing or 'enough'}"
             screen.update(Text(text))
 
-        first = next(shots)
-        told = first.camera_id
-        collect((shot.image for shot in shots), collector, show)
-    return collector.views, collector.size, told
+        first = next(images)
+        camera_id = first.camera_id
+        collect((taken.image for taken in images), collector, show)
+    return collector.views, collector.size, camera_id
 
 
 def _photographed(folder: Path, kind: Board) -> tuple[list[Array], tuple[int, int]]:
     """Corners of every image of the folder that shows the whole board, and the images' size."""
-    from follower.camera.replay import read_grey
-    from station.calibrate.lens import find_corners
-
     if not folder.is_dir():
         raise ConfigError(f"{folder}: no such folder: name the one that holds the images")
     paths = sorted(path for path in folder.glob("*") if path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp"))

@@ -1,4 +1,4 @@
-"""``davpc camera`` and ``davpc teach``: what the Follower sees, and what it shall see when it has docked."""
+"""``davpc camera`` and ``davpc teach``: what the Follower sees, and what it has to see when it has docked."""
 
 from __future__ import annotations
 
@@ -7,33 +7,39 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
+import cv2
 import typer
+from rich.live import Live
+from rich.text import Text
 
 from common.config import default_config_path
 from common.errors import ConfigError
 from common.geometry import Pose2
-from station.options import ROBOT, ConfigOption, RuntimeOption, SetOption, loaded, writable
+from follower.estimator.spots import SpotRule
+from follower.supervisor.taught import save, taught_name
+from station.calibrate.focus import focus_report
+from station.calibrate.frames import measured, open_frames, valid_states
+from station.calibrate.teach import TeachError
+from station.calibrate.teach import teach as average
+from station.options import ConfigOption, RuntimeOption, SetOption, loaded, writable
 
+taught = typer.Typer()
 camera = typer.Typer(no_args_is_help=True, help="Look through the camera. `davpc camera focus`")
 
 
 @camera.command(epilog="Example:  davpc camera snapshot --out now.png")
 def snapshot(
-    out: Path = Path("snapshot.png"),
-    runtime: RuntimeOption = ROBOT,
+    out: Annotated[Path, typer.Option(help="file to write")] = Path("snapshot.png"),
+    runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
     """Save one frame."""
-    import cv2
-
-    from station.calibrate.frames import open_frames
-
     if not cv2.haveImageWriter(str(out)):
         raise ConfigError(f"{out}: no kind of image that can be written: name it .png")
     writable(out)
-    with open_frames(loaded(config, overrides), config or default_config_path(), runtime) as shots:
-        image = next(shots).image
+    with open_frames(loaded(config, overrides), config or default_config_path(), runtime) as images:
+        image = next(images).image
     if not cv2.imwrite(str(out), image):
         raise ConfigError(f"{out}: cannot be written as an image")
     typer.echo(f"{out}: {image.shape[1]}×{image.shape[0]}, brightest pixel {image.max()}")
@@ -42,24 +48,17 @@ def snapshot(
 @camera.command(epilog="Example:  davpc camera focus --runtime /run/davpc")
 def focus(
     frames: Annotated[int, typer.Option(min=0, help="stop after so many; 0: until Ctrl-C")] = 0,
-    runtime: RuntimeOption = ROBOT,
+    runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
     """Show sharpness, spot size and saturation live while you turn the lens."""
-    from rich.live import Live
-    from rich.text import Text
-
-    from follower.estimator.spots import SpotRule
-    from station.calibrate.focus import focus_report
-    from station.calibrate.frames import open_frames
-
     robots = loaded(config, overrides)
     rule = SpotRule(robots.estimator.threshold, robots.estimator.min_spot_px, robots.estimator.max_spot_px)
     best, shown = 0.0, 0
-    with open_frames(robots, config or default_config_path(), runtime) as shots, Live(refresh_per_second=8) as live:
-        for shot in shots:
-            report = focus_report(shot.image, rule)
+    with open_frames(robots, config or default_config_path(), runtime) as images, Live(refresh_per_second=8) as live:
+        for taken in images:
+            report = focus_report(taken.image, rule)
             best = max(best, report.sharpness)
             bar = "█" * round(40 * report.sharpness / best) if best else ""
             clipped = f"saturated {report.saturated_percent:.0f} %"
@@ -71,11 +70,12 @@ def focus(
             time.sleep(0.05)
 
 
+@taught.command(epilog="Example:  davpc teach 1 --runtime /run/davpc")
 def teach(
     trolley: Annotated[int, typer.Argument(min=1, help="K: which docking's image this is")],
     frames: Annotated[int, typer.Option(min=30, help="frames to average")] = 120,
     out: Annotated[Path | None, typer.Option(help="file to write", show_default="taught-K.json")] = None,
-    runtime: RuntimeOption = ROBOT,
+    runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -83,19 +83,9 @@ def teach(
 
     The robot docks by it once docking.taught_dir of the configuration names the folder.
     """
-    from common.bus import Bus
-    from common.executor import earlier_processes
-    from follower.supervisor.taught import save, taught_name
-    from station.calibrate.frames import TOOL, measured, valid_states
-    from station.calibrate.teach import TeachError
-    from station.calibrate.teach import teach as average
-
     robots = loaded(config, overrides)
     path = writable(out or Path(taught_name(trolley)))
-    if not runtime.is_dir():
-        raise ConfigError(f"{runtime}: no robot runs here")
-    with Bus(TOOL, runtime, earlier_processes(TOOL), robots.network.namespace) as bus:
-        states = valid_states(bus, frames)
+    states = valid_states(robots, runtime, frames)
     features = [measured(state) for state in states]
     poses = [Pose2(state.x_m, state.y_m, state.theta_rad) for state in states]
     try:

@@ -1,4 +1,4 @@
-"""``davpc camera focus``: what the image says about focus, exposure and filter while one turns the lens."""
+"""``davpc camera focus``: what the image shows of focus, exposure and filter while you turn the lens."""
 
 from __future__ import annotations
 
@@ -36,7 +36,12 @@ class FocusReport:
 
 
 def focus_report(image: Image, rule: SpotRule) -> FocusReport:
-    """Judge an image (h, w) uint8."""
+    """Judge focus, exposure and filter by one image.
+
+    Args:
+        image: (height, width) grey, uint8.
+        rule: which spots count.
+    """
     level, white = background(image)
     try:
         spots = brightest(find_spots(image, rule), _LAMPS)

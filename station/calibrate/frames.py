@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import queue
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,24 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from common.bus import Bus
-from common.channels import DOCKING_STATE, FRAME, Channel
+from common.channels import DOCKING_STATE, FRAME
 from common.config import Config
 from common.errors import ConfigError, DeviceError
-from common.executor import earlier_processes
 from common.frame_ring import FrameReader, Image
 from common.frame_source import FrameSource, frame_source
 from common.geometry import Array
-from common.messages import DockingState, MessageError, decode
+from common.messages import DockingState, Frame, MessageError
 from common.node import Inbox, NodeContext
 from common.timing import MonotonicClock
+from station.operate.link import RobotLink, Stream, running_or_installed, running_robot
 
 _FIRST_FRAME_S = 5.0
-TOOL = "tool"
 
 
 @dataclass(frozen=True)
-class Shot:
+class CameraImage:
     """One image (height, width), and the camera's name for itself, as ``driver:serial``."""
 
     image: Image
@@ -36,19 +33,25 @@ class Shot:
 
 
 @contextmanager
-def open_frames(config: Config, config_path: Path, runtime: Path) -> Iterator[Iterator[Shot]]:
-    """Images as they come: of the running camera process if ``runtime`` is there, else of the driver.
+def open_frames(config: Config, config_path: Path, runtime: Path | None) -> Iterator[Iterator[CameraImage]]:
+    """Images as they come: of the running camera process if there is one, else of the driver.
+
+    Args:
+        config: the robots.
+        config_path: where it was read from.
+        runtime: folder of the running robot's frames; None: of the robot that runs here.
 
     Raises:
         DeviceError: no frame came.
         ConfigError: the driver cannot be opened by itself.
     """
-    if (runtime / "follower-camera.sock").exists():
-        with Bus(TOOL, runtime, earlier_processes(TOOL), config.network.namespace) as bus:
-            yield _running(bus, runtime)
+    folder = running_or_installed(runtime)
+    if (folder / "follower-camera.sock").exists():
+        with RobotLink(folder, config.network.namespace) as link:
+            yield _running(link.stream(FRAME), folder)
         return
     clock = MonotonicClock()
-    source = frame_source(NodeContext(config, config_path, runtime, 0, clock))
+    source = frame_source(NodeContext(config, config_path, folder, 0, clock))
     if source.inputs:
         raise ConfigError(f"camera.driver = {config.camera.driver!r} needs a running simulation: name its --runtime")
     source.open()
@@ -58,22 +61,28 @@ def open_frames(config: Config, config_path: Path, runtime: Path) -> Iterator[It
         source.close()
 
 
-def valid_states(bus: Bus, count: int) -> list[DockingState]:
+def valid_states(config: Config, runtime: Path | None, count: int) -> list[DockingState]:
     """``count`` states of a running estimator that show the whole array, or fewer: of twice as many all valid ones.
 
+    Args:
+        config: the robots.
+        runtime: folder of the running robot's sockets; None: of the robot that runs here.
+        count: states that show every LED.
+
     Raises:
-        DeviceError: none came.
+        DeviceError: no robot runs here, or no state came.
     """
-    waiting = _stream(bus, DOCKING_STATE)
     found: list[DockingState] = []
     whole = 0
-    for _ in range(2 * count):
-        state = decode(DockingState, _next(waiting, "docking state"))[1]
-        if state.valid:
-            found.append(state)
-            whole += all(point is not None for point in state.features)
-        if whole == count:
-            break
+    with RobotLink(running_robot(runtime), config.network.namespace) as link:
+        stream = link.stream(DOCKING_STATE)
+        for _ in range(2 * count):
+            state: DockingState = _next(stream, "docking state")
+            if state.valid:
+                found.append(state)
+                whole += all(point is not None for point in state.features)
+            if whole == count:
+                break
     return found
 
 
@@ -82,19 +91,16 @@ def measured(state: DockingState) -> Array:
     return np.array([(np.nan, np.nan) if point is None else point for point in state.features])
 
 
-def _running(bus: Bus, runtime: Path) -> Iterator[Shot]:
-    waiting, reader = _stream(bus, FRAME), FrameReader(runtime)
+def _running(stream: Stream, runtime: Path) -> Iterator[CameraImage]:
+    reader = FrameReader(runtime)
     while True:
-        try:
-            _, frame = decode(FRAME.message, _next(waiting, "frame"))
-        except MessageError as error:
-            raise DeviceError(f"camera process: {error}") from error
+        frame: Frame = _next(stream, "frame")
         image = reader.read(frame)
         if image is not None:
-            yield Shot(image, frame.camera_id)
+            yield CameraImage(image, frame.camera_id)
 
 
-def _direct(source: FrameSource, config: Config, clock: MonotonicClock) -> Iterator[Shot]:
+def _direct(source: FrameSource, config: Config, clock: MonotonicClock) -> Iterator[CameraImage]:
     inbox = Inbox(clock.boot_id)
     give_up_ns = clock.now_ns() + round(_FIRST_FRAME_S * 1e9)
     while True:
@@ -102,19 +108,16 @@ def _direct(source: FrameSource, config: Config, clock: MonotonicClock) -> Itera
         capture = source.grab(clock.now_ns(), inbox, image)
         if capture is not None:
             give_up_ns = clock.now_ns() + round(_FIRST_FRAME_S * 1e9)
-            yield Shot(image, capture.camera_id)
+            yield CameraImage(image, capture.camera_id)
         elif clock.now_ns() > give_up_ns:
             raise DeviceError(f"camera {config.camera.driver}: no frame in {_FIRST_FRAME_S:.0f} s")
 
 
-def _stream(bus: Bus, channel: Channel[Any]) -> queue.SimpleQueue[bytes]:
-    waiting: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    bus.stream(channel, waiting.put)
-    return waiting
-
-
-def _next(waiting: queue.SimpleQueue[bytes], what: str) -> bytes:
+def _next(stream: Stream, what: str) -> Any:
     try:
-        return waiting.get(timeout=_FIRST_FRAME_S)
-    except queue.Empty:
-        raise DeviceError(f"no {what} in {_FIRST_FRAME_S:.0f} s: does the robot run?") from None
+        item = stream.next(_FIRST_FRAME_S)
+    except MessageError as error:
+        raise DeviceError(f"{error}: is the robot of another version?") from error
+    if item is None:
+        raise DeviceError(f"no {what} in {_FIRST_FRAME_S:.0f} s: does the robot run?")
+    return item[2]

@@ -15,22 +15,15 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from common.config import LensConfig
-from common.frame_ring import Image
 from common.geometry import Array
+from station.calibrate.board import Board, Coverage, Size, coverage_of, lacking
 
 Kind = Literal["rational", "polynomial", "fisheye"]  # polynomial: rational with a denominator of 1
 KINDS: tuple[Kind, ...] = ("rational", "polynomial", "fisheye")
-Size = tuple[int, int]
 
-_FEWEST_VIEWS = 8
-_SMALLEST_IMAGE_PX = 32  # OpenCV's search raises below some 15
 _FOLDS = 4
-_GRID = 6
-_LEAST_SHARE = 0.55
-_REGIONS = (("top left", "top", "top right"), ("left", "centre", "right"), ("bottom left", "bottom", "bottom right"))
 _FIELDS_OF_VIEW_RAD = np.radians([115.0, 60.0, 85.0, 135.0])
 _GOOD_PX = 0.4
 _FISHEYE_FLAGS = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW | cv2.CALIB_USE_INTRINSIC_GUESS
@@ -40,29 +33,7 @@ _ANGLES_RAD = np.radians(np.arange(0.02, 88.5, 0.02))
 
 
 class CalibrationError(Exception):
-    """Images from which no lens can be told; one line that says what is missing."""
-
-
-@dataclass(frozen=True)
-class Board:
-    """A chessboard's inner corners and the side of a square [m]."""
-
-    columns: int
-    rows: int
-    square_m: float
-
-    def points(self) -> Array:
-        """Corners (columns·rows, 3) on the board [m], row by row."""
-        grid = np.mgrid[0 : self.columns, 0 : self.rows].T.reshape(-1, 2) * self.square_m
-        return np.column_stack([grid, np.zeros(len(grid))])
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """Where in the image corners were seen: share of a 6×6 grid, and the regions that lack them."""
-
-    share: float
-    missing: tuple[str, ...]
+    """Images from which no lens can be determined; one line that names what is missing."""
 
 
 @dataclass(frozen=True)
@@ -88,56 +59,6 @@ class Calibration:
     def kind(self) -> Kind:
         """The chosen kind."""
         return min(self.held_out_px, key=lambda kind: self.held_out_px[kind])
-
-
-def find_corners(image: Image, board: Board) -> Array | None:
-    """Corners (n, 2) [px] of the board in the image, to a few hundredths of a pixel; None if it is not all there."""
-    if min(image.shape) < _SMALLEST_IMAGE_PX:
-        return None
-    found, corners = cv2.findChessboardCorners(
-        image, (board.columns, board.rows), flags=cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-    )
-    if not found:
-        return None
-    raw = np.asarray(corners, np.float32).reshape(-1, 2)
-    nearest = float(np.linalg.norm(np.diff(raw, axis=0), axis=1).min())
-    half = int(np.clip(0.4 * nearest, 2, 11))
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
-    refined = cv2.cornerSubPix(image, raw.reshape(-1, 1, 2), (half, half), (-1, -1), criteria)
-    return np.asarray(refined, dtype=np.float64).reshape(-1, 2)
-
-
-def covered_cells(views: Sequence[Array], size: Size) -> NDArray[np.bool_]:
-    """Which cells (6, 6) of an image of (width, height), from the top left, have seen a corner."""
-    cells = np.zeros((_GRID, _GRID), dtype=np.bool_)
-    for corners in views:
-        columns, rows = np.clip(corners * _GRID / np.array(size), 0, _GRID - 1).astype(int).T
-        cells[rows, columns] = True
-    return cells
-
-
-def lacking(views: Sequence[Array], size: Size) -> str:
-    """What these views still lack for a calibration; empty if nothing."""
-    if len(views) < _FEWEST_VIEWS:
-        return f"{len(views)} images with the whole board, at least {_FEWEST_VIEWS} are needed"
-    coverage = coverage_of(views, size)
-    if coverage.missing:
-        return f"no board seen in these parts of the image: {', '.join(coverage.missing)}"
-    if coverage.share < _LEAST_SHARE:
-        return f"boards cover {coverage.share:.0%} of the image, {_LEAST_SHARE:.0%} are needed: go farther out"
-    return ""
-
-
-def coverage_of(views: Sequence[Array], size: Size) -> Coverage:
-    """Where corners of all views lie in an image of (width, height)."""
-    cells = covered_cells(views, size)
-    missing = tuple(
-        _REGIONS[row][column]
-        for row in range(3)
-        for column in range(3)
-        if cells[2 * row : 2 * row + 2, 2 * column : 2 * column + 2].sum() < 1
-    )
-    return Coverage(float(cells.mean()), missing)
 
 
 def calibrate_camera(views: Sequence[Array], board: Board, size: Size) -> Calibration:
@@ -175,9 +96,16 @@ def calibrate_camera(views: Sequence[Array], board: Board, size: Size) -> Calibr
 
 
 def fit_lens(kind: Kind, views: Sequence[Array], board: Board, size: Size) -> tuple[LensConfig, float] | None:
-    """The lens of this kind and its reprojection rms [px], from the first field of view that leads to a good fit.
+    """Fit a lens of one kind, from the first field of view that leads to a good fit.
 
-    None if no first guess converges.
+    Args:
+        kind: of the lens.
+        views: corners (n, 2) [px] of each image.
+        board: what was photographed.
+        size: (width, height) of the images [px].
+
+    Returns:
+        The lens and its reprojection rms [px]; None if no first guess converges.
     """
     best: tuple[LensConfig, float] | None = None
     for field in _FIELDS_OF_VIEW_RAD:
@@ -213,7 +141,15 @@ def holds(lens: LensConfig, size: Size) -> bool:
 
 
 def project(lens: LensConfig, points_c: Array) -> Array:
-    """Pixels (n, 2) of points (n, 3) in {C}."""
+    """Project points through a lens.
+
+    Args:
+        lens: model and coefficients.
+        points_c: (n, 3) in {C} [m].
+
+    Returns:
+        (n, 2) [px].
+    """
     zero, coefficients = np.zeros(3), np.array(lens.coefficients)
     if lens.model == "fisheye":
         pixels, _ = cv2.fisheye.projectPoints(points_c.reshape(1, -1, 3), zero, zero, _matrix(lens), coefficients)
@@ -223,7 +159,15 @@ def project(lens: LensConfig, points_c: Array) -> Array:
 
 
 def rays(lens: LensConfig, pixels: Array) -> Array:
-    """Normalised coordinates (n, 2) of pixels (n, 2)."""
+    """Undistort pixels.
+
+    Args:
+        lens: model and coefficients.
+        pixels: (n, 2) [px].
+
+    Returns:
+        (n, 2) normalised coordinates.
+    """
     points, coefficients = pixels.reshape(-1, 1, 2), np.array(lens.coefficients)
     if lens.model == "fisheye":
         ideal = cv2.fisheye.undistortPoints(points, _matrix(lens), coefficients)
@@ -267,7 +211,7 @@ def _fit_from(
 def _held_out(kind: Kind, views: Sequence[Array], board: Board, size: Size, fold: int) -> float | None:
     """Reprojection rms [px] over every fourth view, with the lens of the others and each board's own pose.
 
-    The lens is fitted from scratch: a start from all views would carry over what it shall not have seen.
+    The lens is fitted from scratch: a start from all views would carry over the corners that are left out.
     """
     kept = [corners for row, corners in enumerate(views) if row % _FOLDS != fold]
     fitted = fit_lens(kind, kept, board, size)

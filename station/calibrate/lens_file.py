@@ -9,11 +9,12 @@ from pathlib import Path
 
 from common.config import CameraConfig, LensConfig, Section, validate
 from common.errors import ConfigError
-from station.calibrate.lens import Calibration, Size, holds
+from station.calibrate.board import Size
+from station.calibrate.lens import Calibration, holds
 
 
 class StoredCalibration(Section):
-    """Lens, whose it is (serial number), when it was made (ISO 8601), and how good it was."""
+    """Lens, its camera's serial number, when it was calibrated (ISO 8601), and how well."""
 
     camera: str
     date: str
@@ -27,7 +28,15 @@ class StoredCalibration(Section):
 
 
 def store(calibration: Calibration, camera: str, made: str, size: Size, path: Path) -> None:
-    """Write it; ``camera`` is the serial number, ``made`` as ISO 8601."""
+    """Write it.
+
+    Args:
+        calibration: the lens.
+        camera: serial number.
+        made: date, as ISO 8601.
+        size: width and height of the images [px].
+        path: of the file.
+    """
     lens = calibration.lens
     held_out = min(calibration.held_out_px.values())
     lines = [
@@ -64,8 +73,10 @@ def stored(path: Path) -> StoredCalibration:
 
 
 def differences(calibration: StoredCalibration, camera: CameraConfig) -> list[str]:
-    """Where the configured camera is not the calibrated one, or its lens is none for the whole image, one text each;
-    empty if all is well.
+    """Where the configured camera is not the calibrated one, or its lens does not hold over the whole image.
+
+    Returns:
+        One text each; empty if all is well.
     """
     size, wanted = (camera.width_px, camera.height_px), (calibration.width_px, calibration.height_px)
     found = [] if size == wanted else [f"image {size[0]}×{size[1]} instead of {wanted[0]}×{wanted[1]}"]
@@ -75,7 +86,7 @@ def differences(calibration: StoredCalibration, camera: CameraConfig) -> list[st
         if configured != calibrated:
             found.append(f"camera.lens.{key} = {configured} instead of {calibrated}")
     if not holds(camera.lens, size):
-        found.append("a camera.lens that does not hold over the whole image: calibrate it anew")
+        found.append("a camera.lens that does not hold over the whole image: calibrate it again")
     return found
 
 

@@ -1,4 +1,4 @@
-"""``davpc calibrate camera --live``: views of the board taken by themselves, until the image is covered."""
+"""``davpc calibrate camera --live``: views of the board collected until the image is covered."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 from common.frame_ring import Image
 from common.geometry import Array
-from station.calibrate.lens import Board, Size, covered_cells, find_corners, lacking
+from station.calibrate.board import Board, Size, covered_cells, find_corners, lacking
 
-_MOVED_SHARE = 0.05  # of the image's width: nearer than that, a view tells nothing new
+_MOVED_SHARE = 0.05  # of the image's width: nearer than that, a view adds nothing
 _ENOUGH_VIEWS = 16
 
 
@@ -23,8 +23,12 @@ class BoardCollector:
         self.views: list[Array] = []
         self.found = False
 
-    def look(self, image: Image) -> bool:
-        """Take an image (height, width) of ``size``; true if its view is kept."""
+    def take(self, image: Image) -> bool:
+        """Look for the board in an image; true if its view is kept.
+
+        Args:
+            image: (height, width) grey, of ``size``.
+        """
         corners = find_corners(image, self._board)
         self.found = corners is not None
         if corners is None:
@@ -52,7 +56,7 @@ class BoardCollector:
 def collect(images: Iterable[Image], collector: BoardCollector, show: Callable[[], None]) -> None:
     """Look at images until nothing is missing or they end; ``show`` is called after each."""
     for image in images:
-        collector.look(image)
+        collector.take(image)
         show()
         if not collector.missing:
             return

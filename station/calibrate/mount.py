@@ -20,12 +20,14 @@ _ITERATIONS = 20
 _STEP = 1e-6
 _WORST_RESIDUAL_PX = 2.0
 _LEAST_SPREAD_M = 0.5
-_FEWEST_FRAMES, _FEWEST_LEDS = 30, 3
-_STEADY_PX = 0.5
+_FEWEST_LEDS = 3
+# what frames of a robot at rest must be: enough, and steady
+FEWEST_FRAMES = 30
+STEADY_PX = 0.5
 
 
 class MountError(Exception):
-    """Views from which the mounting cannot be told; one line that says what is missing."""
+    """Views from which the mounting cannot be determined; one line that names what is missing."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def calibrate_mount(views: Sequence[View], points_l: Array, start_xyz_m: Array, 
         error, jacobian = _linearised(views, points_l, state)
         step, _, rank, _ = np.linalg.lstsq(jacobian, error, rcond=1e-9)
         if rank < len(state):
-            raise MountError("these poses leave the mounting open: vary distance, side and heading")
+            raise MountError("these poses do not determine the mounting: vary distance, side and heading")
         state = state + step
         if np.abs(step).max() < 1e-9:
             break
@@ -92,9 +94,17 @@ def calibrate_mount(views: Sequence[View], points_l: Array, start_xyz_m: Array, 
 
 
 def project(points_l: Array, relative: Pose2, state: Array) -> Array:
-    """Features (n, 2) through a camera at state x, y, z, pitch, roll, yaw.
+    """Features of the array through a camera that sits elsewhere, and turned.
 
     Yaw turns first about the vertical, then pitch about the camera's x axis, then roll about its optical axis.
+
+    Args:
+        points_l: (n, 3) LEDs in {L} [m].
+        relative: pose of {L} in {F}.
+        state: (6,) the camera's x, y, z in {F} [m], pitch, roll, yaw [rad].
+
+    Returns:
+        (n, 2) normalised.
     """
     x, y, z = points_in_camera(points_l, relative, state[:3]).T
     (cp, cr, cy), (sp, sr, sy) = np.cos(state[3:]), np.sin(state[3:])
@@ -135,18 +145,22 @@ def whole_tilt_rad(mount: Mount, configured_rad: Array) -> Array:
 def averaged(features: Sequence[Array], focal_px: float) -> Array:
     """Mean features (n, 2) of frames of a robot at rest; NaN for a LED that half of them do not show.
 
+    Args:
+        features: (n, 2) normalised of each frame, NaN where a LED was not seen.
+        focal_px: to express movement in pixels.
+
     Raises:
         MountError: too few frames, fewer than three LEDs, or something moved.
     """
     stack = np.array(features)
-    if len(stack) < _FEWEST_FRAMES:
-        raise MountError(f"{len(stack)} frames with the array, at least {_FEWEST_FRAMES} are needed")
+    if len(stack) < FEWEST_FRAMES:
+        raise MountError(f"{len(stack)} frames with the array, at least {FEWEST_FRAMES} are needed")
     seen = np.isfinite(stack).all(axis=2).mean(axis=0) > 0.5
     if seen.sum() < _FEWEST_LEDS:
         raise MountError(f"{seen.sum()} LEDs are seen, at least {_FEWEST_LEDS} are needed")
     spread_px = float(np.nanstd(stack[:, seen], axis=0).max()) * focal_px
-    if spread_px > _STEADY_PX:
-        raise MountError(f"features move by {spread_px:.2f} px: robots at rest? bound {_STEADY_PX} px")
+    if spread_px > STEADY_PX:
+        raise MountError(f"features move by {spread_px:.2f} px: robots at rest? bound {STEADY_PX} px")
     mean = np.full(stack.shape[1:], np.nan)
     mean[seen] = np.nanmean(stack[:, seen], axis=0)
     return mean

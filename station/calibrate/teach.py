@@ -13,9 +13,7 @@ import numpy as np
 from common.config import Config
 from common.geometry import Array, Pose2, features_at
 from follower.supervisor.taught import Taught, calibration_hash
-
-_FEWEST_FRAMES = 30
-_STEADY_PX = 0.5
+from station.calibrate.mount import FEWEST_FRAMES, STEADY_PX
 
 
 class TeachError(Exception):
@@ -37,15 +35,15 @@ def teach(config: Config, trolley: int, features: Sequence[Array], poses: Sequen
     if len(poses) != len(features):
         raise ValueError(f"{len(features)} frames with {len(poses)} poses")
     whole = [row for row, one in enumerate(features) if np.isfinite(one).all()]
-    if len(whole) < _FEWEST_FRAMES:
+    if len(whole) < FEWEST_FRAMES:
         raise TeachError(_too_few(features, len(whole)))
     stack = np.array([features[row] for row in whole])
     focal = config.camera.lens.fx_px
     spread_px = float(stack.std(axis=0).max()) * focal
     half = len(stack) // 2
     drift_px = float(np.abs(stack[:half].mean(axis=0) - stack[half:].mean(axis=0)).max()) * focal
-    if max(spread_px, drift_px) > _STEADY_PX:
-        raise TeachError(f"features move by {max(spread_px, drift_px):.2f} px: robots at rest? bound {_STEADY_PX} px")
+    if max(spread_px, drift_px) > STEADY_PX:
+        raise TeachError(f"features move by {max(spread_px, drift_px):.2f} px: robots at rest? bound {STEADY_PX} px")
     mean = stack.mean(axis=0)
     computed = features_at(config.leds.points, config.docking.goal(trolley), config.camera.mount)
     offset_px = float(np.hypot(*(mean - computed).T).max()) * focal
@@ -64,6 +62,6 @@ def teach(config: Config, trolley: int, features: Sequence[Array], poses: Sequen
 def _too_few(features: Sequence[Array], whole: int) -> str:
     """What keeps the frames from being enough: no array in them, or LEDs that are missing of it."""
     partly = [np.isfinite(one).all(axis=1) for one in features if np.isfinite(one).any()]
-    text = f"{whole} of {len(features)} frames show every LED, at least {_FEWEST_FRAMES} are needed"
+    text = f"{whole} of {len(features)} frames show every LED, at least {FEWEST_FRAMES} are needed"
     missing = np.flatnonzero(~np.all(partly, axis=0)) if partly else np.empty(0)
     return text + (f": LED {', '.join(map(str, missing))} is not always seen" if len(missing) else "")

@@ -1,4 +1,4 @@
-"""``davpc can``: who is on a bus, what they do, and whether each axis does what it is told.
+"""``davpc can``: which nodes are on a bus, and what they do.
 
 Nothing here prints: the command line shows what is returned.
 """
@@ -37,7 +37,7 @@ class FoundNode:
 
 
 def scan(bus_config: BusConfig, names: dict[int, str]) -> list[FoundNode]:
-    """Ask every node id who it is. Reads only: no state changes, nothing is configured.
+    """Ask every node id for its identity. Reads only: no state changes, nothing is configured.
 
     Args:
         bus_config: the bus; a bridge may be working on it meanwhile, but its own SDO transfers would be disturbed.

@@ -1,38 +1,37 @@
-"""``davpc can``: who is on a bus, what they do, and whether each axis does what it is told."""
+"""``davpc can``: which nodes are on a bus, what they do, and whether each axis does what it is commanded."""
 
 from __future__ import annotations
 
 import os
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
+from rich.live import Live
 from rich.table import Table
 
 from common.config import Config, default_config_path
 from common.errors import DeviceError
 from common.processes import process
 from common.timing import MonotonicClock
+from follower.can_bridge.measurement import BusMeasurement
+from station.commission.can_tools import Monitor, NodeRow, follower_names
+from station.commission.can_tools import scan as ask
+from station.commission.enable_test import EnableTest
+from station.commission.homing import Homing
 from station.options import ConfigOption, SetOption, loaded
-
-if TYPE_CHECKING:
-    from follower.can_bridge.measurement import BusMeasurement
-    from station.commission.can_tools import NodeRow
 
 can = typer.Typer(no_args_is_help=True, help="Look at a CAN bus and test its axes. `davpc can scan`")
 
 
 @can.command(epilog="Example:  davpc can scan --bus leader")
 def scan(
-    bus: Annotated[Literal["follower", "leader"], typer.Option(help="which robot's")] = "follower",
+    bus: Annotated[Literal["follower", "leader"], typer.Option(help="which robot's bus")] = "follower",
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
     """List the nodes that answer, with their identity. Only reads."""
-    from station.commission.can_tools import follower_names
-    from station.commission.can_tools import scan as ask
-
     robots = loaded(config, overrides)
     if bus == "follower":
         found = ask(robots.follower_can.bus, follower_names(robots, _path(config)))
@@ -43,7 +42,7 @@ def scan(
         identity = f"{node.vendor:08X}  {node.product:08X}  {node.serial:<10d}"
         typer.echo(f"{node.node_id:4d}  {node.profile:7s}  {identity}  {node.state:15s}  {node.name or 'unknown'}")
     if not found:
-        raise DeviceError(f"CAN bus {bus}: nobody answers; power, termination, bitrate?")
+        raise DeviceError(f"CAN bus {bus}: no node answers; power, termination, bitrate?")
 
 
 @can.command(epilog="Example:  davpc can monitor --seconds 60")
@@ -52,11 +51,7 @@ def monitor(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """Follow the drives of a bus on which a bridge works, live. Sends nothing."""
-    from rich.live import Live
-
-    from station.commission.can_tools import Monitor
-
+    """Follow the drives of a bus on which a bridge works, live: position, velocity, torque, age. Sends nothing."""
     follower, clock = Monitor(loaded(config, overrides), _path(config)), MonotonicClock()
     follower.open()
     end_ns = clock.now_ns() + round(seconds * 1e9)
@@ -71,38 +66,38 @@ def monitor(
 
 @can.command("enable-test", epilog="Example:  davpc can enable-test --wheels-are-up")
 def enable_test(
-    wheels_are_up: Annotated[bool, typer.Option("--wheels-are-up", help="say that nothing can roll away")] = False,
+    wheels_are_up: Annotated[
+        bool, typer.Option("--wheels-are-up", help="confirm that the wheels are off the ground")
+    ] = False,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """Turn each axis each way, try each limit, fire the watchdog on purpose. No bridge may be running."""
-    from station.commission.enable_test import EnableTest
-
+    """Turn each axis in both directions, try each limit, let the watchdog trip. No bridge may be running."""
     if not wheels_are_up:
-        raise typer.BadParameter("lift the wheels off the ground, then say --wheels-are-up")
+        raise typer.BadParameter("lift the wheels off the ground, then give --wheels-are-up")
     _be_punctual()
     robots: Config = loaded(config, overrides)
     for check in EnableTest(robots, _path(config), MonotonicClock()).run():
-        typer.echo(f"{'ok  ' if check.passed else 'FAIL'}  {check.name:28s} {check.seen}")
+        typer.echo(f"{'ok  ' if check.passed else 'FAIL'}  {check.name:28s} {check.result}")
         if not check.passed:
             raise typer.Exit(1)
 
 
 @can.command(epilog="Example:  davpc can home --arms-are-free")
 def home(
-    arms_are_free: Annotated[bool, typer.Option("--arms-are-free", help="say that the arms hold nothing")] = False,
+    arms_are_free: Annotated[
+        bool, typer.Option("--arms-are-free", help="confirm that the arms hold nothing")
+    ] = False,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
     """Find the home of each axis that has no absolute encoder, one after the other. No bridge may be running."""
-    from station.commission.homing import Homing
-
     if not arms_are_free:
-        raise typer.BadParameter("arms and lift will move: clear their way, then say --arms-are-free")
+        raise typer.BadParameter("arms and lift will move: clear their way, then give --arms-are-free")
     _be_punctual()
     robots: Config = loaded(config, overrides)
     for check in Homing(robots, _path(config), MonotonicClock()).run():
-        typer.echo(f"{'ok  ' if check.passed else 'FAIL'}  {check.name:28s} {check.seen}")
+        typer.echo(f"{'ok  ' if check.passed else 'FAIL'}  {check.name:28s} {check.result}")
         if not check.passed:
             raise typer.Exit(1)
 
@@ -112,18 +107,25 @@ def _be_punctual() -> None:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(process("follower-can-bridge").priority))
     except OSError as error:
-        typer.echo(f"no real-time priority ({error.strerror}): a busy machine may end this early", err=True)
+        typer.echo(
+            f"no real-time priority ({error.strerror}): on a busy machine the drives may end this early", err=True
+        )
 
 
 def _monitor_table(rows: list[NodeRow], measured: BusMeasurement) -> Table:
-    table = Table("node", "name", "state", "position", "velocity", "torque", "age ms", "faults")
+    table = Table(box=None, pad_edge=False)
+    for heading in ("", "name", "state"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("rad, m", "rad/s", "N·m", "ms"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("faults")
     for row in rows:
         values = f"{row.position:+.3f}", f"{row.velocity:+.3f}", f"{row.torque_n_m:+.2f}", f"{row.age_ms:.0f}"
         table.add_row(str(row.node_id), row.name, row.state, *values, "; ".join(row.faults))
     clear = "clear" if measured.estop_clear and measured.protective_clear else "STOP"
     table.caption = f"stop inputs {clear}, battery {measured.battery_v:.1f} V, malformed {measured.malformed}"
     if measured.measured_ns < 0:
-        table.caption = "no SYNC heard: nobody works on this bus; davpc can scan asks the nodes"
+        table.caption = "no SYNC received: no bridge works on this bus; davpc can scan asks the nodes"
     return table
 
 

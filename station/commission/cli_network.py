@@ -1,4 +1,4 @@
-"""``davpc network``: what the gateways' rules come to, and the router of a site with several pairs."""
+"""``davpc network``: the rules that the gateways apply, and the router of a site with several pairs."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from common.bus import routing
 from common.config import load_config
 from common.errors import ConfigError
 from gateway.access import OTHER
@@ -29,7 +30,7 @@ def settings(
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
-    """Print the Zenoh settings that a robot's gateway generates. `davpc network settings leader`"""
+    """Print the Zenoh settings that a robot's gateway generates."""
     for known in OTHER:
         if robot == known:
             typer.echo(
@@ -46,9 +47,7 @@ def site(
     certificate: Annotated[str, typer.Option(help="common name of the router's certificate")] = "site",
     credentials: Annotated[Path, typer.Option(help="folder of ca.pem, NAME.pem, NAME.key")] = Path("/etc/davpc/pki"),
 ) -> None:
-    """Run the router that several pairs share, until SIGTERM. `davpc network site a.toml b.toml`"""
-    from common.bus import routing
-
+    """Run the router that several pairs share, until SIGTERM."""
     router = site_router([load_config(path).network for path in pairs], certificate, credentials, [listen])
     check_credentials(credentials, certificate)
     signal.pthread_sigmask(signal.SIG_BLOCK, _STOP)

@@ -1,8 +1,7 @@
-"""Checks of a CAN bus: the interface, who answers, and the watchdogs that stop a drive without its master."""
+"""Checks of a CAN bus: its interface, its nodes, and what makes a drive safe without its master."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,10 +12,13 @@ from common.canopen.frames import HEARTBEAT, SYNC, consumer_heartbeat
 from common.canopen.node import CanopenNode, find_eds
 from common.config import BusConfig, Config
 from common.errors import DeviceError
-from station.doctor.findings import Finding, Seen, failed, ok, skipped, warning
+from follower.can_bridge.axes import Axis
+from follower.can_bridge.robot_axes import make_axes
+from station.doctor.findings import Finding, ProbeResult, failed, ok, skipped, warning
 
-_LISTEN_S = 0.3
+_LISTEN_S = 0.15
 _QUICK_STOP_ON_LOSS = 3
+_MAX_PROFILE_VELOCITY = 0x607F
 _LEAST_QUEUE = 64
 
 
@@ -32,31 +34,38 @@ class ExpectedNode:
 
 
 @dataclass(frozen=True)
-class Interview:
-    """What a node said: what is wrong with its identity, and which objects are not as the bridge sets them.
+class NodeReport:
+    """What a node answered: what is wrong with its identity, and which objects are not as the bridge sets them.
 
     ``refused`` are objects that it does not have, or does not show.
     """
 
     label: str
-    stranger: str = ""
+    misfit: str = ""
     unset: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
 
 
 def follower_nodes(config: Config, config_path: Path) -> list[ExpectedNode]:
     """The Follower's drives and I/O module."""
-    from follower.can_bridge.robot_axes import make_axes
-
     can = config.follower_can
     drive_eds, io_eds = find_eds(can.drive_eds, config_path), find_eds(can.io_eds, config_path)
     guard = (0x1016, 1, consumer_heartbeat(can.master_node_id, can.watchdog_ms), f"watchdog {can.watchdog_ms} ms")
     stop = (0x6007, 0, _QUICK_STOP_ON_LOSS, "quick stop without its master")
     nodes = [
-        ExpectedNode(axis.node_id, axis.name, drive_eds, axis.config.serial, (guard, stop))
+        ExpectedNode(axis.node_id, axis.name, drive_eds, axis.config.serial, (guard, stop, *_speed_limit(axis)))
         for axis in make_axes(can, config.base)
     ]
     return [*nodes, ExpectedNode(can.io_node_id, "follower I/O", io_eds, 0, (guard,))]
+
+
+def _speed_limit(axis: Axis) -> list[tuple[int, int, int, str]]:
+    """The wheels' own ceiling of speed: another geometry in the configuration makes another number of it."""
+    return [
+        (index, subindex, value, f"speed limit {value} counts/s")
+        for index, subindex, value in axis.extra
+        if index == _MAX_PROFILE_VELOCITY
+    ]
 
 
 def leader_nodes(config: Config, config_path: Path) -> list[ExpectedNode]:
@@ -66,9 +75,16 @@ def leader_nodes(config: Config, config_path: Path) -> list[ExpectedNode]:
     return [ExpectedNode(can.io_node_id, "leader I/O", find_eds(can.io_eds, config_path), 0, (guard,))]
 
 
-def interview(bus_config: BusConfig, master_id: int, nodes: Sequence[ExpectedNode]) -> list[Interview] | None:
-    """Ask nodes by SDO upload who they are and what is set in them; None, and nothing is asked, if another master
-    works on the bus.
+def ask_nodes(bus_config: BusConfig, master_id: int, nodes: Sequence[ExpectedNode]) -> list[NodeReport] | None:
+    """Ask nodes by SDO upload for their identity and their settings.
+
+    Args:
+        bus_config: the bus.
+        master_id: node id of a bridge, whose heartbeat would show that it works there.
+        nodes: to ask.
+
+    Returns:
+        A report for each node; None, and nothing was asked, if another master works on the bus.
 
     Raises:
         DeviceError: the bus cannot be opened or goes away.
@@ -93,20 +109,16 @@ def is_there(bus_config: BusConfig) -> bool:
 
 
 def has_master(bus: CanBus, master_id: int) -> bool:
-    """Whether somebody sends SYNC or the master's heartbeat; a bridge does so every 10 or 20 ms."""
-    end_s = time.monotonic() + _LISTEN_S
-    while (left_s := end_s - time.monotonic()) > 0 and (frame := bus.wait(left_s)) is not None:
-        if (frame.can_id == SYNC and len(frame.data) <= 1) or frame.can_id == HEARTBEAT + master_id:
-            return True
-    return False
+    """Whether a master sends SYNC, or the heartbeat of a bridge: every 10 or 20 ms."""
+    return bus.hears(SYNC, _LISTEN_S) or bus.hears(HEARTBEAT + master_id, _LISTEN_S)
 
 
-def _ask(bus: CanBus, expected: ExpectedNode) -> Interview:
+def _ask(bus: CanBus, expected: ExpectedNode) -> NodeReport:
     node = CanopenNode(bus, expected.node_id, expected.label, expected.eds)
     try:
         node.check_identity(expected.serial)
     except DeviceError as error:
-        return Interview(expected.label, stranger=str(error))
+        return NodeReport(expected.label, misfit=str(error))
     unset, refused = list[str](), list[str]()
     for index, subindex, wanted, what in expected.objects:
         try:
@@ -114,32 +126,38 @@ def _ask(bus: CanBus, expected: ExpectedNode) -> Interview:
                 unset.append(f"{what} ({index:04X}h is {found:#x})")
         except DeviceError as error:
             refused.append(str(error))
-    return Interview(expected.label, unset=tuple(unset), refused=tuple(refused))
+    return NodeReport(expected.label, unset=tuple(unset), refused=tuple(refused))
 
 
-def check_nodes(robot: str, told: Seen[list[Interview] | None]) -> Finding:
+def check_nodes(robot: str, probed: ProbeResult[list[NodeReport] | None]) -> Finding:
     """Whether every configured node answers and is what it should be."""
     check = f"CAN nodes {robot}"
-    if told.value is None:
-        return _unseen(check, told)
-    strangers = [answer.stranger for answer in told.value if answer.stranger]
-    if strangers:
-        more = f" (and {len(strangers) - 1} more)" if len(strangers) > 1 else ""
+    if probed.value is None:
+        return _unseen(check, probed)
+    wrong = [answer.misfit for answer in probed.value if answer.misfit]
+    if wrong:
+        more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
         remedy = f"power, termination, bitrate, node id: davpc can scan --bus {robot}"
-        return failed(check, f"{strangers[0]}{more}", remedy)
-    return ok(check, f"{len(told.value)} answer, with the identity of their EDS")
+        return failed(check, f"{wrong[0]}{more}", remedy)
+    return ok(check, f"{len(probed.value)} answer, with the identity of their EDS")
 
 
-def check_watchdogs(robot: str, told: Seen[list[Interview] | None]) -> Finding:
-    """Whether every node can stop by itself, and is set to. A node that was just switched on is not: the bridge sets
-    it, and reads it back, before it enables anything."""
+def check_watchdogs(robot: str, probed: ProbeResult[list[NodeReport] | None]) -> Finding:
+    """Whether every node stops by itself, and the wheel drives limit their speed, as configured.
+
+    A node that was just switched on does not: the bridge sets it, and reads it back, before it enables anything.
+    """
     check = f"watchdogs {robot}"
-    if told.value is None:
-        return _unseen(check, told)
-    asked = [answer for answer in told.value if not answer.stranger]
+    if probed.value is None:
+        return _unseen(check, probed)
+    asked = [answer for answer in probed.value if not answer.misfit]
     refused = [text for answer in asked for text in answer.refused]
     if refused:
-        return failed(check, refused[0], "a drive without this object must not be used: it would not stop by itself")
+        return failed(
+            check,
+            refused[0],
+            "a drive without this object must not be used: it would not stop by itself, or not limit its speed",
+        )
     if not asked:
         return skipped(check, "no node answers")
     unset = [f"{answer.label}: {', '.join(answer.unset)}" for answer in asked if answer.unset]
@@ -149,14 +167,14 @@ def check_watchdogs(robot: str, told: Seen[list[Interview] | None]) -> Finding:
     return ok(check, f"{len(asked)} set as configured, read back")
 
 
-def _unseen(check: str, told: Seen[list[Interview] | None]) -> Finding:
-    if not told.why:
+def _unseen(check: str, probed: ProbeResult[list[NodeReport] | None]) -> Finding:
+    if not probed.why:
         return skipped(check, "another master works on the bus")
-    return failed(check, told.why, "power, cable, interface: ip -details link show")
+    return failed(check, probed.why, "power, cable, interface: ip -details link show")
 
 
-def check_interface(robot: str, bus: BusConfig, link: Seen[Mapping[str, Any]]) -> Finding:
-    """A kernel's CAN interface, as ``ip -details -json link show`` tells it."""
+def check_interface(robot: str, bus: BusConfig, link: ProbeResult[Mapping[str, Any]]) -> Finding:
+    """A kernel's CAN interface, as ``ip -details -json link show`` gives it."""
     check = f"CAN {robot}"
     if bus.interface != "socketcan":
         return skipped(check, f"its interface is {bus.interface}: simulated")

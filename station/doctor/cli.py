@@ -7,50 +7,44 @@ import os
 import sys
 import threading
 from enum import StrEnum
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from common.config import default_config_path
-from common.errors import DeviceError
 from gateway.access import Robot
-from station.operate.answers import RunningOption
-from station.options import ROBOT, ConfigOption, SetOption, loaded
+from station.doctor.examination import Examination, default_robots
+from station.doctor.findings import PROBING, as_table, is_well, summary
+from station.doctor.probes import installed_role
+from station.operate.link import running_or_installed
+from station.options import ConfigOption, JsonOption, RuntimeOption, SetOption
+
+examine = typer.Typer()
 
 
-class Who(StrEnum):
-    """Whose parts to look at."""
+class RobotChoice(StrEnum):
+    """Which robot's parts to look at."""
 
     FOLLOWER = "follower"
     LEADER = "leader"
     BOTH = "both"
 
 
-def _folder(named: Path | None) -> Path:
-    """Of the robot that runs here, real or simulated; of an installed one where none does."""
-    from station.operate.link import running_robot
-
-    if named is not None:
-        return named
-    try:
-        return running_robot(None)
-    except DeviceError:
-        return ROBOT
-
-
-_ROBOTS: dict[Who, tuple[Robot, ...]] = {
-    Who.FOLLOWER: ("follower",),
-    Who.LEADER: ("leader",),
-    Who.BOTH: ("follower", "leader"),
+_ROBOTS: dict[RobotChoice, tuple[Robot, ...]] = {
+    RobotChoice.FOLLOWER: ("follower",),
+    RobotChoice.LEADER: ("leader",),
+    RobotChoice.BOTH: ("follower", "leader"),
 }
 
 
+@examine.command(epilog="Example:  sudo davpc doctor --robot follower")
 def doctor(
-    robot: Annotated[Who | None, typer.Option(help="whose parts", show_default="as installed, else both")] = None,
-    devices: Annotated[bool, typer.Option(help="open camera and CAN bus if no process of davpc has them")] = True,
-    as_json: Annotated[bool, typer.Option("--json", help="one JSON object for programs")] = False,
-    runtime: RunningOption = None,
+    robot: Annotated[
+        RobotChoice | None, typer.Option(help="which robot's parts", show_default="as installed, else both")
+    ] = None,
+    devices: Annotated[bool, typer.Option(help="open camera and CAN bus if no process of davpc uses them")] = True,
+    as_json: JsonOption = False,
+    runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
@@ -58,30 +52,21 @@ def doctor(
 
     Only reads: nothing moves, is enabled or changed, whether davpc runs or not. Exit code 1 if a check failed.
     """
-    from station.doctor.examination import Visit, default_robots
-    from station.doctor.findings import LOOKING, as_table, is_well, summary
-    from station.doctor.probes import installed_role
-
     role = installed_role()
     robots = default_robots(role) if robot is None else _ROBOTS[robot]
     hardware = role is not None and role[1] == "hardware"
-    visit = Visit(robots, _folder(runtime), config or default_config_path(), overrides or (), devices, hardware)
+    examination = Examination(
+        robots, running_or_installed(runtime), config or default_config_path(), overrides or (), devices, hardware
+    )
     findings = []
-    for finding in visit.findings():
+    for finding in examination.findings():
         findings.append(finding)
         if not as_json:
             typer.echo(finding.line())
     typer.echo(json.dumps(as_table(findings), ensure_ascii=False) if as_json else summary(findings))
     code = 0 if is_well(findings) else 1
-    if any(thread.name == LOOKING for thread in threading.enumerate()):
+    if any(thread.name == PROBING for thread in threading.enumerate()):
         # a probe hangs in a driver that cannot be interrupted: do not wait for it
         sys.stdout.flush()
         os._exit(code)
     raise typer.Exit(code)
-
-
-def wiring(config: ConfigOption = None, overrides: SetOption = None) -> None:
-    """Print what to wire and which node ids to set, from the configuration. `davpc wiring`"""
-    from station.commission.wiring import wiring as tables
-
-    typer.echo(tables(loaded(config, overrides)))

@@ -1,4 +1,4 @@
-"""A visit of ``davpc doctor``: which probes go where, and which check judges what they bring back."""
+"""One examination of ``davpc doctor``: which probes run, and which check judges what they found."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from pathlib import Path
 from common.channels import DOCKING_STATE, DRIVES, FOLLOWER_GATEWAY, LEADER_GATEWAY, LEADER_STATE
 from common.config import BusConfig, Config, load_config
 from common.processes import ONE_MACHINE, PROCESSES
+from follower.supervisor.taught import taught_images
 from gateway.access import Robot, robot_access
 from gateway.credentials import check_credentials, credentials_folder
 from station.calibrate.lens_file import StoredCalibration, stored
@@ -24,8 +25,8 @@ from station.doctor import machine as doctor_machine
 from station.doctor import network as doctor_network
 from station.doctor import probes as doctor_probes
 from station.doctor import robot as doctor_robot
-from station.doctor.bus import Heard, listen
-from station.doctor.findings import Finding, Seen, look, skipped, warning
+from station.doctor.bus import RobotReport, listen
+from station.doctor.findings import Finding, ProbeResult, run_probe, skipped, warning
 
 _PROBE_S = 8.0
 _BUS_S = 20.0
@@ -35,8 +36,8 @@ _SAFE = "davpc-safe.target"
 
 
 @dataclass
-class Visit:
-    """One examination.
+class Examination:
+    """What does not depend on the configuration, and after it what does.
 
     Attributes:
         robots: whose parts to look at.
@@ -57,17 +58,17 @@ class Visit:
     def findings(self) -> Iterator[Finding]:
         """All of them, as they come."""
         yield from self._software()
-        told = look(partial(load_config, self.path, self.overrides), _PROBE_S)
-        yield doctor_robot.check_configuration(self.path, told)
-        if told.value is not None:
-            yield from Pair(self, told.value).findings()
+        probed = run_probe(partial(load_config, self.path, self.overrides), _PROBE_S)
+        yield doctor_robot.check_configuration(self.path, probed)
+        if probed.value is not None:
+            yield from RobotExamination(self, probed.value).findings()
         yield from self._computer()
 
     def _software(self) -> Iterator[Finding]:
         version = (sys.version_info.major, sys.version_info.minor, sys.version_info.micro)
         place = str(Path(__file__).resolve().parents[2])
         yield doctor_machine.check_python(version, metadata.version("davpc"), place)
-        installed = look(doctor_probes.installed_packages, _PROBE_S).value or {}
+        installed = run_probe(doctor_probes.installed_packages, _PROBE_S).value or {}
         yield doctor_machine.check_packages(doctor_probes.lock_text(), installed, doctor_probes.needed_packages())
 
     def _computer(self) -> Iterator[Finding]:
@@ -75,20 +76,20 @@ class Visit:
             ("disk", _KEPT if _KEPT.is_dir() else Path.home(), 200, 1000),
             ("memory for frames", self.runtime if self.runtime.is_dir() else Path("/run"), 16, 32),
         ):
-            usage = look(partial(shutil.disk_usage, path), _PROBE_S)
+            usage = run_probe(partial(shutil.disk_usage, path), _PROBE_S)
             if usage.value is None:
                 yield skipped(check, usage.why)
             else:
                 yield doctor_machine.check_disk(check, str(path), usage.value.free, least_mb, comfortable_mb)
-        told = look(partial(doctor_probes.unit_states, self._units()), _PROBE_S)
-        yield self._realtime(any(state.load == "loaded" for state in (told.value or {}).values()))
+        probed = run_probe(partial(doctor_probes.unit_states, self._units()), _PROBE_S)
+        yield self._realtime(any(state.load == "loaded" for state in (probed.value or {}).values()))
         for robot in self.robots:
-            if told.why:
-                yield warning(f"units {robot}", told.why, "a busy computer? look again: systemctl status 'davpc-*'")
+            if probed.why:
+                yield warning(f"units {robot}", probed.why, "a busy computer? look again: systemctl status 'davpc-*'")
             else:
-                yield doctor_machine.check_units(robot, self._of(robot, told.value), _SAFE)
+                yield doctor_machine.check_units(robot, self._of(robot, probed.value), _SAFE)
         stepped_s = doctor_probes.clock_offset_s() - self._began_s
-        synchronised = look(doctor_probes.clock_synchronised, _PROBE_S).value
+        synchronised = run_probe(doctor_probes.clock_synchronised, _PROBE_S).value
         yield doctor_machine.check_clock(synchronised, stepped_s, time.time(), doctor_probes.newest_file_s())
 
     def _units(self) -> list[str]:
@@ -105,56 +106,62 @@ class Visit:
 
     def _realtime(self, installed: bool) -> Finding:
         wanted = {entry.name: entry.priority for entry in PROCESSES if entry.robot in self.robots}
-        running = look(partial(doctor_probes.fifo_priorities, self.runtime, list(wanted)), _PROBE_S).value or {}
+        running = run_probe(partial(doctor_probes.fifo_priorities, self.runtime, list(wanted)), _PROBE_S).value or {}
         return doctor_machine.check_realtime(running, wanted, doctor_probes.realtime_allowed(), installed)
 
 
 @dataclass
-class Pair:
+class RobotExamination:
     """What depends on a configuration that can be read."""
 
-    visit: Visit
+    examination: Examination
     config: Config
 
     @cached_property
-    def ears(self) -> Seen[Heard]:
-        """What the running robot said."""
+    def listened(self) -> ProbeResult[RobotReport]:
+        """What the running robot sent."""
         space = self.config.network.namespace
-        return look(partial(listen, self.visit.runtime, space, _LISTEN_S), _PROBE_S)
+        return run_probe(partial(listen, self.examination.runtime, space, _LISTEN_S), _PROBE_S)
 
     @property
-    def heard(self) -> Heard:
-        """The same, as nothing where it could not be listened to."""
-        return self.ears.value or Heard()
+    def report(self) -> RobotReport:
+        """The same, empty where it could not be listened to."""
+        return self.listened.value or RobotReport()
 
     def findings(self) -> Iterator[Finding]:
         """All, robot by robot."""
-        yield doctor_robot.check_limits(self.config.limits)
-        yield doctor_robot.check_drivers(self.config, self.visit.hardware)
+        yield doctor_robot.check_drivers(self.config, self.examination.hardware)
         yield self._processes()
-        if "follower" in self.visit.robots:
+        if "follower" in self.examination.robots:
             yield from self._camera()
             yield from self._drives()
         yield from self._leader()
-        for robot in self.visit.robots:
+        for robot in self.examination.robots:
             yield from self._bus(robot)
-        for robot in self.visit.robots:
+        for robot in self.examination.robots:
             yield from self._network(robot)
 
     def _processes(self) -> Finding:
-        if self.ears.value is None:
-            return skipped("processes", self.ears.why)
-        expected = [entry.name for entry in ONE_MACHINE if entry.robot in self.visit.robots]
-        if not self.heard.alive & set(expected):
-            return skipped("processes", f"davpc does not run in {self.visit.runtime}")
-        health = {name: told for name, told in self.heard.health().items() if name in expected}
-        return doctor_robot.check_processes(set(self.heard.alive), expected, health)
+        if self.listened.value is None:
+            return skipped("processes", self.listened.why)
+        expected = [entry.name for entry in ONE_MACHINE if entry.robot in self.examination.robots]
+        if not self.report.alive & set(expected):
+            return self._nothing_runs()
+        health = {name: found for name, found in self.report.health().items() if name in expected}
+        return doctor_robot.check_processes(set(self.report.alive), expected, health)
+
+    def _nothing_runs(self) -> Finding:
+        text = f"davpc does not run in {self.examination.runtime}"
+        if not self.examination.hardware:
+            return skipped("processes", text)
+        targets = " ".join(f"davpc-{robot}.target" for robot in self.examination.robots)
+        return warning("processes", text, f"to look at the running robot: sudo systemctl start {targets}")
 
     def _camera(self) -> Iterator[Finding]:
         camera, total = self.config.camera, len(self.config.leds.points)
         camera_id = ""
-        if "follower-camera" in self.heard.alive:
-            frames, state = self.heard.frames, self.heard.of(DOCKING_STATE)
+        if "follower-camera" in self.report.alive:
+            frames, state = self.report.frames, self.report.of(DOCKING_STATE)
             camera_id = frames[-1].camera_id if frames else ""
             missing = frames[-1].sequence - frames[0].sequence + 1 - len(frames) if frames else 0
             stamps = [frame.capture_ns for frame in frames]
@@ -162,52 +169,56 @@ class Pair:
                 stamps, missing, camera.rate_hz, f"from {camera_id or 'the process'}"
             )
             yield (
-                skipped("LEDs seen", "the estimator says nothing")
+                skipped("LEDs seen", "the estimator sends nothing")
                 if state is None
                 else doctor_robot.seen_by_estimator(state, total)
             )
-        elif not self.visit.devices or camera.driver in doctor_robot.WITHOUT_DEVICE or self.ears.value is None:
+        elif (
+            not self.examination.devices
+            or camera.driver in doctor_robot.WITHOUT_DEVICE
+            or self.listened.value is None
+        ):
             for check in ("camera rate", "LEDs seen"):
-                yield skipped(check, "the camera's process does not run, or cannot be heard")
+                yield skipped(check, "the camera's process does not run, or nothing of it is received")
         else:
-            probe = partial(doctor_probes.grab, self.config, self.visit.path, self.visit.runtime, 1.0)
-            grabbed = look(probe, _PROBE_S)
-            got = grabbed.value or doctor_probes.Grabbed((), "", 0)
+            probe = partial(doctor_probes.grab, self.config, self.examination.path, self.examination.runtime, 1.0)
+            grabbed = run_probe(probe, _PROBE_S)
+            got = grabbed.value or doctor_probes.CameraSample((), "", 0)
             camera_id = got.camera_id
             source = f"from {camera_id}, opened for this" if camera_id else grabbed.why
             yield doctor_robot.check_camera_rate(got.stamps_ns, 0, camera.rate_hz, source)
             yield doctor_robot.check_leds_seen(min(got.spots, total), total, f"({got.spots} spots)")
         probe_link = partial(doctor_probes.usb_speed_mbit_s, camera)
-        yield doctor_robot.check_camera_link(look(probe_link, _PROBE_S), camera)
-        path = self.visit.path.parent / camera.calibration
-        told: Seen[StoredCalibration] = look(partial(stored, path), _PROBE_S) if camera.calibration else Seen()
+        yield doctor_robot.check_camera_link(run_probe(probe_link, _PROBE_S), camera)
+        path = self.examination.path.parent / camera.calibration
+        probed = (
+            run_probe(partial(stored, path), _PROBE_S) if camera.calibration else ProbeResult[StoredCalibration]()
+        )
         today = datetime.now(UTC).date()
-        yield doctor_robot.check_calibration(told, camera, camera_id, today, path)
+        yield doctor_robot.check_calibration(probed, camera, camera_id, today, path)
         yield self._taught()
 
     def _taught(self) -> Finding:
-        from follower.supervisor.taught import taught_images
-
         def trolleys() -> list[int]:
-            return sorted(taught_images(self.config, self.visit.path) or {})
+            return sorted(taught_images(self.config, self.examination.path) or {})
 
-        return doctor_robot.check_taught(look(trolleys, _PROBE_S))
+        return doctor_robot.check_taught(run_probe(trolleys, _PROBE_S))
 
     def _drives(self) -> Iterator[Finding]:
-        if "follower-can-bridge" not in self.heard.alive:
+        if "follower-can-bridge" not in self.report.alive:
             for check in ("drives", "battery"):
-                yield skipped(check, "the CAN bridge does not run, or cannot be heard")
+                yield skipped(check, "the CAN bridge does not run, or nothing of it is received")
             return
-        drives = self.heard.of(DRIVES)
+        drives = self.report.of(DRIVES)
         yield doctor_robot.check_drives(drives)
         if drives is not None:
             yield doctor_robot.check_battery(drives.battery_v, self.config.base.battery_low_v)
 
     def _leader(self) -> Iterator[Finding]:
-        state = self.heard.of(LEADER_STATE)
-        here = "leader" in self.visit.robots and "leader" in self.heard.alive
+        state = self.report.of(LEADER_STATE)
+        here = "leader" in self.examination.robots and "leader" in self.report.alive
         if state is None and not here:
-            yield skipped("Leader", "it does not run here and is not heard")
+            yield skipped("Leader", "it does not run here, and nothing of it is received")
             return
         yield doctor_robot.check_leader(state, self.config.leader.led_current_tolerance_a)
 
@@ -215,7 +226,7 @@ class Pair:
         follower = robot == "follower"
         can = self.config.follower_can if follower else self.config.leader_can
         yield doctor_can.check_interface(
-            robot, can.bus, look(partial(doctor_probes.can_link, can.bus.channel), _PROBE_S)
+            robot, can.bus, run_probe(partial(doctor_probes.can_link, can.bus.channel), _PROBE_S)
         )
         because = self._bus_is_taken("follower-can-bridge" if follower else "leader", can.bus)
         if because:
@@ -224,42 +235,44 @@ class Pair:
             return
         make = doctor_can.follower_nodes if follower else doctor_can.leader_nodes
 
-        def ask() -> list[doctor_can.Interview] | None:
-            nodes = make(self.config, self.visit.path)
-            return doctor_can.interview(can.bus, can.master_node_id, nodes)
+        def ask() -> list[doctor_can.NodeReport] | None:
+            nodes = make(self.config, self.examination.path)
+            return doctor_can.ask_nodes(can.bus, can.master_node_id, nodes)
 
-        told = look(ask, _BUS_S)
-        yield doctor_can.check_nodes(robot, told)
-        yield doctor_can.check_watchdogs(robot, told)
+        probed = run_probe(ask, _BUS_S)
+        yield doctor_can.check_nodes(robot, probed)
+        yield doctor_can.check_watchdogs(robot, probed)
 
     def _bus_is_taken(self, master: str, bus: BusConfig) -> str:
         """Why its nodes are not asked; "" if they can be."""
-        if master in self.heard.alive:
+        if master in self.report.alive:
             return f"{master} works on the bus; it read all of it back when it opened the bus"
-        if not self.visit.devices:
+        if not self.examination.devices:
             return "--no-devices"
-        if bus.interface != "socketcan" and look(partial(doctor_can.is_there, bus), _PROBE_S).why:
+        if bus.interface != "socketcan" and run_probe(partial(doctor_can.is_there, bus), _PROBE_S).why:
             return "the bus is simulated and no simulation runs"
         return ""
 
     def _network(self, robot: Robot) -> Iterator[Finding]:
         network, folder = self.config.network, credentials_folder(self.config.network.credentials)
         name = network.of(robot).certificate
-        running = self.heard.of(FOLLOWER_GATEWAY if robot == "follower" else LEADER_GATEWAY)
+        running = self.report.of(FOLLOWER_GATEWAY if robot == "follower" else LEADER_GATEWAY)
         if running is not None:
-            yield doctor_network.check_certificate(name, Seen(running.certificate_left_s))
-        elif not folder.exists() and not self.visit.hardware:
+            yield doctor_network.check_certificate(name, ProbeResult(running.certificate_left_s))
+        elif not folder.exists() and not self.examination.hardware:
             yield skipped(f"certificate {name}", f"there is no {folder}", "for two computers: deploy/pki.sh")
         elif folder.exists() and not os.access(folder, os.R_OK | os.X_OK):
             yield skipped(f"certificate {name}", f"{folder} is root's", "sudo davpc doctor")
         else:
-            yield doctor_network.check_certificate(name, look(partial(check_credentials, folder, name), _PROBE_S))
+            yield doctor_network.check_certificate(
+                name, run_probe(partial(check_credentials, folder, name), _PROBE_S)
+            )
         yield doctor_network.check_access(robot, robot_access(network, robot), network.namespace, running)
         yield doctor_network.check_link(robot, running)
 
 
 def default_robots(role: tuple[str, str] | None) -> tuple[Robot, ...]:
-    """Whose parts to look at if nobody says so: those of the installed robot, else both."""
+    """Whose parts to look at by default: those of the installed robot, else both."""
     known: tuple[Robot, ...] = ("follower", "leader")
     if role is None or role[1] != "hardware":
         return known

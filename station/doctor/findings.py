@@ -1,4 +1,4 @@
-"""What ``davpc doctor`` says: findings, one line a check, and probes that cannot keep it from ending.
+"""What ``davpc doctor`` reports: findings, one line a check, and probes that cannot keep it from ending.
 
 A *check* is a pure function of what was found to a :class:`Finding`; a *probe* looks, without moving, enabling or
 writing anything, and has a bounded time to do so.
@@ -16,7 +16,7 @@ from common.errors import ConfigError, DeviceError
 Status = Literal["ok", "warning", "failed", "skipped"]
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
-LOOKING = "doctor-look"
+PROBING = "doctor-probe"
 
 
 @dataclass(frozen=True)
@@ -54,39 +54,50 @@ def skipped(check: str, because: str, remedy: str = "") -> Finding:
 
 
 @dataclass(frozen=True)
-class Seen(Generic[T_co]):
-    """What a probe brought back: a value, or in one line why there is none."""
+class ProbeResult(Generic[T_co]):
+    """What a probe found: a value, or in one line why there is none."""
 
     value: T_co | None = None
     why: str = ""
 
 
-def look(probe: Callable[[], T], seconds: float) -> Seen[T]:
-    """Run a probe for at most so long, in a thread called ``LOOKING`` that is left behind if it does not end."""
-    found: list[Seen[T]] = []
+def run_probe(probe: Callable[[], T], seconds: float) -> ProbeResult[T]:
+    """Run a probe with a timeout, in a thread called ``PROBING``; one that hangs is abandoned.
+
+    Args:
+        probe: what to run; an exception becomes the reason why there is no value.
+        seconds: the timeout.
+    """
+    found: list[ProbeResult[T]] = []
 
     def run() -> None:
         try:
-            found.append(Seen(probe()))
+            found.append(ProbeResult(probe()))
         except (ConfigError, DeviceError) as error:
-            found.append(Seen(why=str(error)))
+            found.append(ProbeResult(why=str(error)))
         except OSError as error:
             place = f"{error.filename}: " if error.filename else ""
-            found.append(Seen(why=f"{place}{error.strerror or error}"))
+            found.append(ProbeResult(why=f"{place}{error.strerror or error}"))
         except Exception as error:  # noqa: BLE001 - one probe's fault must not hide what the others found
-            found.append(Seen(why=f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"))
+            found.append(ProbeResult(why=f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"))
 
-    thread = threading.Thread(target=run, name=LOOKING, daemon=True)
+    thread = threading.Thread(target=run, name=PROBING, daemon=True)
     thread.start()
     thread.join(seconds)
-    return found[0] if found else Seen(why=f"no answer within {seconds:.0f} s")
+    return found[0] if found else ProbeResult(why=f"no answer within {seconds:.0f} s")
 
 
 def summary(findings: Sequence[Finding]) -> str:
-    """How many of each kind."""
+    """How many of each kind; and by name what was not looked at, which may be ill all the same."""
     kinds: tuple[Status, ...] = ("failed", "warning", "ok", "skipped")
     counts = [(kind, sum(finding.status == kind for finding in findings)) for kind in kinds]
-    return ", ".join(f"{count} {kind}" for kind, count in counts if count)
+    text = ", ".join(f"{count} {kind}" for kind, count in counts if count)
+    return "\n".join([text, *([f"not looked at: {', '.join(unseen(findings))}"] if unseen(findings) else [])])
+
+
+def unseen(findings: Sequence[Finding]) -> list[str]:
+    """Checks that were skipped."""
+    return [finding.check for finding in findings if finding.status == "skipped"]
 
 
 def is_well(findings: Sequence[Finding]) -> bool:
@@ -96,4 +107,8 @@ def is_well(findings: Sequence[Finding]) -> bool:
 
 def as_table(findings: Sequence[Finding]) -> dict[str, Any]:
     """For programs."""
-    return {"ok": is_well(findings), "findings": [asdict(finding) for finding in findings]}
+    return {
+        "ok": is_well(findings),
+        "not_looked_at": unseen(findings),
+        "findings": [asdict(finding) for finding in findings],
+    }

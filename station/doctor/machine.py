@@ -58,7 +58,15 @@ def check_packages(lock: str | None, installed: Mapping[str, str], needed: Seque
 
 
 def check_disk(check: str, path: str, free_bytes: int, least_mb: int, comfortable_mb: int) -> Finding:
-    """Room where davpc keeps what outlives it, or its frames."""
+    """Room where davpc keeps what outlives it, or its frames.
+
+    Args:
+        check: name of the finding.
+        path: where.
+        free_bytes: free there.
+        least_mb: below that it fails.
+        comfortable_mb: below that it warns.
+    """
     text = f"{free_bytes / _MB:.0f} MB free in {path}"
     if free_bytes < least_mb * _MB:
         return failed(check, text, f"make room: at least {least_mb} MB, better {comfortable_mb}")
@@ -71,17 +79,17 @@ def check_clock(synchronised: bool | None, stepped_s: float, now_s: float, newes
     """The wall clock, on which certificates alone depend: control goes by the monotonic one.
 
     Args:
-        synchronised: what the machine says of itself; None if it does not know.
-        stepped_s: by how much the wall clock went otherwise than the monotonic one meanwhile.
+        synchronised: as the machine reports it; None where it does not.
+        stepped_s: by how much the wall clock moved against the monotonic one meanwhile.
         now_s: wall clock, seconds since 1970.
         newest_file_s: of davpc's own files, so that the true time lies after it.
     """
     if now_s < newest_file_s - 86_400.0:
-        return failed("clock", "it stands before davpc's own files", "set it: timedatectl set-time, or let NTP do so")
+        return failed("clock", "it is before davpc's own files", "set it: timedatectl set-time, or let NTP do so")
     if abs(stepped_s) > _STEP_S:
         return warning("clock", f"stepped by {stepped_s:+.2f} s meanwhile", "see who sets it: timedatectl, chronyc")
     if synchronised is None:
-        return ok("clock", "steady; whether it is synchronised this machine cannot tell")
+        return ok("clock", "steady; this machine cannot tell whether it is synchronised")
     if not synchronised:
         return warning("clock", "steady, not synchronised", "timedatectl set-ntp true, or certificates fail one day")
     return ok("clock", "steady and synchronised")
@@ -117,7 +125,7 @@ def check_realtime(
 
 @dataclass(frozen=True)
 class UnitState:
-    """What systemd says of a unit: LoadState, ActiveState, Result, NRestarts."""
+    """What systemd reports of a unit: LoadState, ActiveState, Result, NRestarts."""
 
     load: str
     active: str
@@ -154,5 +162,5 @@ def check_units(robot: str, states: Mapping[str, UnitState] | None, safe: str) -
         return warning(check, f"not running: {', '.join(idle)}", "a gateway needs certificates: deploy/pki.sh")
     restarted = [f"{name} ×{state.restarts}" for name, state in services.items() if state.restarts]
     if restarted:
-        return warning(check, f"restarted: {', '.join(restarted)}", "journalctl -u that unit says why")
+        return warning(check, f"restarted: {', '.join(restarted)}", "journalctl -u that unit names the reason")
     return ok(check, f"{len(running)} run, none was restarted")

@@ -8,14 +8,14 @@ from typing import Any
 from common.channels import CHANNELS
 from common.messages import GatewayState
 from gateway.access import rules_digest
-from station.doctor.findings import Finding, Seen, failed, ok, skipped, warning
+from station.doctor.findings import Finding, ProbeResult, failed, ok, skipped, warning
 
 _DAY_S = 86_400.0
 _WARN_DAYS = 30
 
 
-def check_certificate(name: str, left_s: Seen[float]) -> Finding:
-    """For how long a certificate is still good; under a day a robot does not arm (SAFETY row 45)."""
+def check_certificate(name: str, left_s: ProbeResult[float]) -> Finding:
+    """For how long a certificate is still good; under a day a robot does not arm (docs/safety.md S45)."""
     check = f"certificate {name}"
     if left_s.value is None:
         return failed(check, left_s.why, "deploy/pki.sh issue, then into network.credentials")
@@ -29,7 +29,14 @@ def check_certificate(name: str, left_s: Seen[float]) -> Finding:
 
 
 def check_access(robot: str, generated: Mapping[str, Any], namespace: str, running: GatewayState | None) -> Finding:
-    """The rules that the configuration comes to: none lets a robot's own keys out; and the gateway works by them."""
+    """The rules that the configuration gives: none lets a robot's own keys out; and the gateway applies them.
+
+    Args:
+        robot: whose gateway.
+        generated: access control as Zenoh takes it.
+        namespace: of the pair.
+        running: what the gateway reports; None if none runs.
+    """
     check = f"access rules {robot}"
     private = {f"{namespace}/{channel.key}" for channel in CHANNELS if channel.reach == "robot"}
     leaks = sorted(private & _outside(generated))
@@ -42,14 +49,14 @@ def check_access(robot: str, generated: Mapping[str, Any], namespace: str, runni
     if running.rules != digest:
         return failed(
             check,
-            f"the gateway works by {running.rules}, the configuration comes to {digest}",
+            f"the gateway applies {running.rules}, the configuration gives {digest}",
             f"the configuration changed since it started: systemctl restart davpc-{robot}-gateway",
         )
-    return ok(check, f"{len(generated['rules'])} rules ({digest}), deny by default, as the gateway works")
+    return ok(check, f"{len(generated['rules'])} rules ({digest}), deny by default, as the gateway applies them")
 
 
 def _outside(generated: Mapping[str, Any]) -> set[str]:
-    """Keys that any rule gives to somebody who is not of this robot's own mesh of Unix sockets."""
+    """Keys that any rule gives to a subject outside this robot's own mesh of Unix sockets."""
     mesh = {subject["id"] for subject in generated["subjects"] if subject["link_protocols"] == ["unixsock-stream"]}
     outside = [policy for policy in generated["policies"] if not set(policy["subjects"]) <= mesh]
     rules = {identity for policy in outside for identity in policy["rules"]}
@@ -57,10 +64,12 @@ def _outside(generated: Mapping[str, Any]) -> set[str]:
 
 
 def check_link(robot: str, running: GatewayState | None) -> Finding:
-    """Whether a robot's gateway hears the other robot's."""
+    """Whether a robot's gateway receives the other robot's messages."""
     check = f"link {robot}"
     if running is None:
         return skipped(check, "no gateway runs here")
     if not running.linked:
-        return warning(check, "the other robot is not heard", "addresses in [network], firewall, the other's gateway")
-    return ok(check, "the other robot is heard")
+        return warning(
+            check, "nothing of the other robot is received", "addresses in [network], firewall, the other's gateway"
+        )
+    return ok(check, "the other robot is connected")

@@ -15,13 +15,18 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from common.config import CameraConfig, Config
 from common.errors import ConfigError, DeviceError
 from common.frame_source import frame_source
 from common.node import Inbox, NodeContext
 from common.processes import PROCESSES
 from common.timing import NS_PER_S, MonotonicClock
+from follower.estimator.spots import SpotRule
+from station.calibrate.focus import focus_report
 from station.doctor.machine import UnitState, canonical
+from station.options import ROBOT
 
 _COMMAND_S = 5.0
 _ROBOT_FILE = Path("/etc/davpc/robot")
@@ -67,18 +72,18 @@ def newest_file_s() -> float:
 
 
 def clock_synchronised() -> bool | None:
-    """What timedatectl says; None without it."""
-    told = _output(["timedatectl", "show", "--property=NTPSynchronized", "--value"])
-    return {"yes": True, "no": False}.get(told.strip()) if told is not None else None
+    """As timedatectl reports it; None without it."""
+    output = _output(["timedatectl", "show", "--property=NTPSynchronized", "--value"])
+    return {"yes": True, "no": False}.get(output.strip()) if output is not None else None
 
 
 def clock_offset_s() -> float:
-    """Wall clock minus monotonic clock: it changes only when somebody sets or slews the wall clock."""
+    """Wall clock minus monotonic clock: it changes only when the wall clock is set or slewed."""
     return time.time() - time.monotonic()
 
 
 def unit_states(names: Iterable[str]) -> dict[str, UnitState] | None:
-    """What systemd says of units; None where it does not run.
+    """What systemd reports of units; None where it does not run.
 
     Raises:
         DeviceError: it runs, and does not answer.
@@ -86,15 +91,17 @@ def unit_states(names: Iterable[str]) -> dict[str, UnitState] | None:
     if not _SYSTEMD.is_dir():
         return None
     fields = "Id,LoadState,ActiveState,Result,NRestarts"
-    told = _output(["systemctl", "show", f"--property={fields}", *names])
-    if told is None:
+    output = _output(["systemctl", "show", f"--property={fields}", *names])
+    if output is None:
         raise DeviceError(f"systemctl did not answer within {_COMMAND_S:.0f} s")
-    return parse_units(told)
+    return parse_units(output)
 
 
-def parse_units(told: str) -> dict[str, UnitState]:
+def parse_units(output: str) -> dict[str, UnitState]:
     """Blocks of ``systemctl show``, separated by empty lines."""
-    blocks = [dict(line.split("=", 1) for line in block.splitlines() if "=" in line) for block in told.split("\n\n")]
+    blocks = [
+        dict(line.split("=", 1) for line in block.splitlines() if "=" in line) for block in output.split("\n\n")
+    ]
     return {
         block["Id"]: UnitState(
             block.get("LoadState", ""),
@@ -117,7 +124,7 @@ def fifo_priorities(runtime: Path, names: Sequence[str]) -> dict[str, int | None
                 pid = int(command.parent.name)
                 fifo = os.sched_getscheduler(pid) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
                 found[name] = os.sched_getparam(pid).sched_priority if fifo else None
-        except OSError:  # it ended meanwhile, or is somebody else's
+        except OSError:  # it ended meanwhile, or belongs to another user
             continue
     return found
 
@@ -127,7 +134,7 @@ def process_of(words: Sequence[str], runtime: Path) -> str:
     if "run" not in words[:-1]:
         return ""
     name = words[words.index("run") + 1]
-    folder = words[words.index("--runtime") + 1] if "--runtime" in words[:-1] else "/run/davpc"
+    folder = words[words.index("--runtime") + 1] if "--runtime" in words[:-1] else ROBOT
     return name if name in {entry.name for entry in PROCESSES} and Path(folder) == runtime else ""
 
 
@@ -160,8 +167,8 @@ def can_link(channel: str) -> Mapping[str, Any]:
     Raises:
         DeviceError: there is none of this name.
     """
-    told = _output(["ip", "-details", "-json", "link", "show", "dev", channel])
-    tables = json.loads(told) if told else []
+    output = _output(["ip", "-details", "-json", "link", "show", "dev", channel])
+    tables = json.loads(output) if output else []
     if not tables:
         raise DeviceError(f"there is no interface {channel}")
     table: Mapping[str, Any] = tables[0]
@@ -169,7 +176,7 @@ def can_link(channel: str) -> Mapping[str, Any]:
 
 
 @dataclass(frozen=True)
-class Grabbed:
+class CameraSample:
     """What a camera gave: capture times, its name for itself, spots in the last image."""
 
     stamps_ns: tuple[int, ...]
@@ -177,18 +184,19 @@ class Grabbed:
     spots: int
 
 
-def grab(config: Config, config_path: Path, runtime: Path, seconds: float) -> Grabbed:
-    """Open the configured camera, which no process may have open, and look for so long.
+def grab(config: Config, config_path: Path, runtime: Path, seconds: float) -> CameraSample:
+    """Open the configured camera, which no process may have open, and take frames for a while.
+
+    Args:
+        config: the robots.
+        config_path: where it was read from.
+        runtime: folder of the running robot's frames.
+        seconds: how long.
 
     Raises:
         DeviceError: it is missing or gives nothing.
         ConfigError: no such driver, or one that needs a running simulation.
     """
-    import numpy as np
-
-    from follower.estimator.spots import SpotRule
-    from station.calibrate.focus import focus_report
-
     clock = MonotonicClock()
     source = frame_source(NodeContext(config, config_path, runtime, 0, clock))
     if source.inputs:
@@ -208,7 +216,7 @@ def grab(config: Config, config_path: Path, runtime: Path, seconds: float) -> Gr
     finally:
         source.close()
     rule = SpotRule(config.estimator.threshold, config.estimator.min_spot_px, config.estimator.max_spot_px)
-    return Grabbed(tuple(stamps), camera_id, focus_report(image, rule).spots if stamps else 0)
+    return CameraSample(tuple(stamps), camera_id, focus_report(image, rule).spots if stamps else 0)
 
 
 def _output(command: Sequence[str]) -> str | None:

@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 from datetime import date
 from pathlib import Path
 
-from common import ceilings
-from common.config import CameraConfig, Config, LimitsConfig
+from common.config import CameraConfig, Config
 from common.errors import ConfigError
 from common.messages import DockingState, Drives, Health, LeaderState
 from station.calibrate.lens_file import StoredCalibration, age_days, differences
-from station.doctor.findings import Finding, Seen, failed, ok, skipped, warning
+from station.doctor.findings import Finding, ProbeResult, failed, ok, skipped, warning
 
 OLD_DAYS = 180
 # frame sources that stand in for a camera
@@ -21,26 +20,11 @@ _BITS_PER_PIXEL = 8
 _LINK_SHARE = 0.75
 
 
-def check_configuration(path: Path, told: Seen[Config]) -> Finding:
+def check_configuration(path: Path, probed: ProbeResult[Config]) -> Finding:
     """Whether the file can be used."""
-    if told.value is None:
-        return failed("configuration", told.why, "correct it; deploy/config/robots.toml explains each key")
+    if probed.value is None:
+        return failed("configuration", probed.why, "correct it; deploy/config/robots.toml explains each key")
     return ok("configuration", f"{path}")
-
-
-def check_limits(limits: LimitsConfig) -> Finding:
-    """Configured limits against the gate's hard caps, which configuration can only lower."""
-    pairs = (
-        ("v", limits.v_max_m_s, ceilings.HARD_V_MAX_M_S, "m/s"),
-        ("−v", -limits.v_min_m_s, -ceilings.HARD_V_MIN_M_S, "m/s"),
-        ("ω", limits.w_max_rad_s, ceilings.HARD_W_MAX_RAD_S, "rad/s"),
-        ("a", limits.gate_acceleration_m_s2, ceilings.HARD_ACCELERATION_M_S2, "m/s²"),
-        ("ω̇", limits.gate_angular_acceleration_rad_s2, ceilings.HARD_ANGULAR_ACCELERATION_RAD_S2, "rad/s²"),
-    )
-    over = [f"{name} {value:g} > {cap:g} {unit}" for name, value, cap, unit in pairs if value > cap]
-    if over:
-        return failed("limits", f"above the hard caps: {', '.join(over)}", "lower them in [limits]")
-    return ok("limits", ", ".join(f"{name} {value:g} of {cap:g} {unit}" for name, value, cap, unit in pairs))
 
 
 def check_drivers(config: Config, on_hardware: bool) -> Finding:
@@ -60,12 +44,12 @@ def check_drivers(config: Config, on_hardware: bool) -> Finding:
 
 
 def check_calibration(
-    told: Seen[StoredCalibration], camera: CameraConfig, camera_id: str, today: date, path: Path
+    probed: ProbeResult[StoredCalibration], camera: CameraConfig, camera_id: str, today: date, path: Path
 ) -> Finding:
     """The lens in the configuration against the calibration it came from: size, lens, camera, age.
 
     Args:
-        told: the calibration's file.
+        probed: the calibration's file.
         camera: the configured one.
         camera_id: what the camera calls itself, as ``driver:serial``; "" if it was not asked.
         today: of the wall clock.
@@ -76,9 +60,9 @@ def check_calibration(
         return skipped("calibration", f"driver {camera.driver} has no lens but the configured one")
     if not camera.calibration:
         return failed("calibration", "camera.calibration names none", again)
-    if told.value is None:
-        return failed("calibration", told.why, again)
-    calibration = told.value
+    if probed.value is None:
+        return failed("calibration", probed.why, again)
+    calibration = probed.value
     wrong = differences(calibration, camera)
     if camera_id and not _is_of(calibration.camera, camera_id):
         wrong.append(f"camera {camera_id} instead of {calibration.camera}")
@@ -95,7 +79,7 @@ def check_calibration(
 
 
 def _is_of(calibrated: str, camera_id: str) -> bool:
-    """Whether a calibration's camera, a serial number or as the driver tells it, is this one."""
+    """Whether a calibration's camera, a serial number or as the driver gives it, is this one."""
     return calibrated in (camera_id, camera_id.partition(":")[2])
 
 
@@ -121,7 +105,7 @@ def check_camera_rate(stamps_ns: Sequence[int], missing: int, wanted_hz: float, 
     return ok("camera rate", text)
 
 
-def check_camera_link(speed: Seen[float], camera: CameraConfig) -> Finding:
+def check_camera_link(speed: ProbeResult[float], camera: CameraConfig) -> Finding:
     """USB speed in Mbit/s against what the images need."""
     if camera.driver in WITHOUT_DEVICE:
         return skipped("camera link", f"driver {camera.driver} has none")
@@ -134,31 +118,31 @@ def check_camera_link(speed: Seen[float], camera: CameraConfig) -> Finding:
     return ok("camera link", text)
 
 
-def check_taught(told: Seen[list[int]]) -> Finding:
+def check_taught(probed: ProbeResult[list[int]]) -> Finding:
     """Desired images, by trolley: their hash of lens and mounting, and their array, are the configured ones."""
-    if told.value is None:
-        return failed("taught images", told.why, "stand at the docked pose: davpc teach 1")
-    if not told.value:
+    if probed.value is None:
+        return failed("taught images", probed.why, "stand at the docked pose: davpc teach 1")
+    if not probed.value:
         return ok("taught images", "none configured: geometry gives them")
-    return ok("taught images", f"for trolley {', '.join(map(str, told.value))}, of this lens and mounting")
+    return ok("taught images", f"for trolley {', '.join(map(str, probed.value))}, of this lens and mounting")
 
 
 def check_processes(alive: set[str], expected: Sequence[str], health: Mapping[str, Health]) -> Finding:
-    """Who shows that he lives, and how he is doing; gateways may be absent on one machine."""
+    """Which processes are alive, and in what state; gateways may be absent on one machine."""
     absent = [name for name in expected if name not in alive]
     if absent:
         return failed("processes", f"not running: {', '.join(absent)}", "their logs: journalctl -u davpc-NAME")
-    unwell = [name for name, told in health.items() if name in alive and not told.ready]
+    unwell = [name for name, state in health.items() if name in alive and not state.ready]
     silent = [name for name in expected if name not in health]
     if unwell or silent:
         return failed("processes", f"not ready: {', '.join([*unwell, *silent])}", "see their logs")
-    malformed = [f"{name} {told.malformed}" for name, told in health.items() if told.malformed]
+    malformed = [f"{name} {state.malformed}" for name, state in health.items() if state.malformed]
     if malformed:
         return warning("processes", f"malformed messages: {', '.join(malformed)}", "are all of the same version?")
     missed = [
-        f"{name} {told.missed_periods} of {told.steps}"
-        for name, told in health.items()
-        if told.missed_periods > 0.01 * told.steps + 5
+        f"{name} {state.missed_periods} of {state.steps}"
+        for name, state in health.items()
+        if state.missed_periods > 0.01 * state.steps + 5
     ]
     if missed:
         return warning("processes", f"missed periods: {', '.join(missed)}", "a busy computer; see real time")
@@ -166,8 +150,7 @@ def check_processes(alive: set[str], expected: Sequence[str], health: Mapping[st
 
 
 def check_drives(drives: Drives | None) -> Finding:
-    """What the bridge tells of the drives: it has read identities and watchdogs back before it said more than
-    ``starting``."""
+    """What the bridge reports of the drives; it reads identities and watchdogs back before it leaves ``starting``."""
     if drives is None:
         return failed("drives", "the bridge publishes nothing", "journalctl -u davpc-follower-can-bridge")
     text = f"{drives.state}" + (f": {drives.cause}" if drives.cause else "")
@@ -197,7 +180,7 @@ def check_battery(volts: float, low_v: float) -> Finding:
 
 
 def check_leds_seen(seen: int, total: int, note: str) -> Finding:
-    """LEDs that the camera sees. Whether the array is in view only a person knows: no failure."""
+    """LEDs that the camera sees. Only the operator knows whether the array is in view: no failure."""
     text = f"{seen} of {total} {note}".strip()
     if seen < total:
         return warning("LEDs seen", text, "is the array in view? davpc camera focus, davpc camera snapshot")
@@ -210,18 +193,18 @@ def seen_by_estimator(state: DockingState, total: int) -> Finding:
 
 
 def check_leader(state: LeaderState | None, tolerance_a: float) -> Finding:
-    """The Leader's array, guide and lock, as it tells them itself."""
+    """The Leader's array, guide and lock, as it reports them itself."""
     if state is None:
-        return failed("Leader", "not heard", "does it run? see link, journalctl -u davpc-leader")
+        return failed("Leader", "nothing of it is received", "does it run? see link, journalctl -u davpc-leader")
     currents = ", ".join(f"{current:.2f}" for current in state.led_current_a)
     text = f"LEDs {currents} A, guide {state.guide}, lock {state.lock}"
     pairs = zip(state.led_current_a, state.led_setpoint_a, strict=False)
-    if state.led_fault or any(abs(drawn - told) > tolerance_a for drawn, told in pairs):
+    if state.led_fault or any(abs(drawn - commanded) > tolerance_a for drawn, commanded in pairs):
         return failed("Leader", f"{text}: {state.cause or 'LED current'}", "LED driver and wiring: davpc led status")
     if not state.ready or state.lock == "fault":
         return failed("Leader", f"{text}: {state.cause or 'not ready'}", "look at it; davpc lock status")
     if state.led_derated:
         return warning("Leader", f"{text}; LEDs are derated", "let the array cool")
     if state.queue is None:
-        return warning("Leader", f"{text}; it does not know its queue", "count the trolleys: davpc lock count")
+        return warning("Leader", f"{text}; its queue is not known", "count the trolleys: davpc lock count")
     return ok("Leader", f"{text}, {state.queue} in the queue")

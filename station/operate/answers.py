@@ -1,4 +1,4 @@
-"""How commands that ask a running robot speak: one clear line, or one JSON object, and exit code 0 or 1."""
+"""How commands that ask a running robot answer: one clear line, or one JSON object, and exit code 0 or 1."""
 
 from __future__ import annotations
 
@@ -8,31 +8,24 @@ import secrets
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Any, NoReturn
 
 import typer
 
-from common.config import default_config_path, load_config
 from common.errors import DeviceError
+from station.operate.link import RobotLink, running_robot
+from station.options import loaded
 
-if TYPE_CHECKING:
-    from station.operate.link import RobotLink
-
-RunningOption = Annotated[
-    Path | None,
-    typer.Option("--runtime", help="folder of the running robot", show_default="the one that runs here"),
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="one JSON object for programs")]
 PATIENCE_S = 5.0
 
 
 def request_id() -> str:
     """An id that no other request has."""
-    return f"person-{secrets.token_hex(6)}"
+    return f"operator-{secrets.token_hex(6)}"
 
 
 def say(outcome: str, reason: str, as_json: bool) -> NoReturn:
-    """Tell what became of a request, and exit."""
+    """Show what became of a request, and exit."""
     good = outcome in ("done", "accepted")
     if as_json:
         show_json({"outcome": outcome, "reason": reason})
@@ -47,7 +40,7 @@ def show_json(table: dict[str, Any]) -> None:
 
 
 def fields(message: Any) -> dict[str, Any] | None:
-    """A message as a table; None where it was not heard."""
+    """A message as a table; None where none was received."""
     return None if message is None else asdict(message)
 
 
@@ -65,25 +58,17 @@ def answering(as_json: bool) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def open_link(runtime: Path | None) -> Iterator[RobotLink]:
-    """The robot that runs here, or in the named folder."""
-    from station.operate.link import RobotLink, running_robot
-
-    with RobotLink(running_robot(runtime), configured_namespace()) as link:
-        yield link
-
-
-def configured_namespace() -> str:
-    """The Zenoh namespace of this computer's pair."""
-    return load_config(default_config_path()).network.namespace
-
-
-def running_folder() -> Path:
-    """The folder of the robot that runs here.
+def open_link(runtime: Path | None, config: Path | None) -> Iterator[RobotLink]:
+    """A connection to the robot that runs here, or in the named folder.
 
     Raises:
         DeviceError: none runs here, or several.
+        ConfigError: a configuration that cannot be read.
     """
-    from station.operate.link import running_robot
+    with RobotLink(running_robot(runtime), namespace(config)) as link:
+        yield link
 
-    return running_robot(None)
+
+def namespace(config: Path | None) -> str:
+    """The Zenoh namespace of the pair."""
+    return loaded(config, None).network.namespace

@@ -11,9 +11,9 @@ from statistics import fmean, stdev
 from typing import Any
 
 from common.errors import ConfigError
+from follower.supervisor.journal import ATTEMPT_SCHEMA
+from follower.supervisor.journal import ATTEMPTS_FILE as ATTEMPTS_FILE
 
-ATTEMPTS_FILE = "attempts.jsonl"
-_SCHEMA = "attempt/1"
 _KEYS = {"docked", "code", "arrival", "connected", "margins", "gate", "retries", "pauses", "duration_s"}
 _FEWEST_FOR_BIAS = 5
 _SURE = 4.0  # standard errors
@@ -51,18 +51,18 @@ def read_attempts(path: Path, last: int) -> tuple[list[dict[str, Any]], int]:
         raise ConfigError(
             f"{path}: no reports of attempts ({error.strerror}): name their folder with --state"
         ) from error
-    found, spoilt = [], 0
+    found, unreadable = [], 0
     for line in lines[-last:]:
         try:
             record = json.loads(line)
-            good = record["schema"] == _SCHEMA and record.keys() >= _KEYS
+            good = record["schema"] == ATTEMPT_SCHEMA and record.keys() >= _KEYS
         except (ValueError, KeyError, TypeError):
             good = False
         if good:
             found.append(record)
         else:
-            spoilt += 1
-    return found, spoilt
+            unreadable += 1
+    return found, unreadable
 
 
 def summarise(records: list[dict[str, Any]], unreadable: int) -> Summary:
@@ -90,12 +90,18 @@ def summarise(records: list[dict[str, Any]], unreadable: int) -> Summary:
 
 
 def biases(records: list[dict[str, Any]]) -> tuple[str, ...]:
-    """What the docked pose says of the calibration.
+    """What the docked poses show of the calibration.
 
-    Where trolleys are rigidly connected the queue holds the Follower in place, so what the camera says there is the
-    camera's own error. One that is the same each time is no noise: lens, mounting or array are no longer as measured.
-    Along x nothing but the wheels tells where that is, from where the camera itself said that it had arrived: there a
-    wrong scale shows, over the push, and a constant offset does not.
+    Where trolleys are rigidly connected the queue holds the Follower in place, so the error that the camera measures
+    there is its own. One that is the same each time is no noise: lens, mounting or array are no longer as measured.
+    Along x the reference is the wheels alone, from where the camera itself reported the arrival: there a wrong scale
+    shows, over the push, and a constant offset does not.
+
+    Args:
+        records: of attempts, as :func:`read_attempts` gives them.
+
+    Returns:
+        One warning for each error whose mean matters and is sure.
     """
     found = []
     held = [record["connected"] for record in records if record["connected"] is not None]
@@ -107,7 +113,7 @@ def biases(records: list[dict[str, Any]]) -> tuple[str, ...]:
         error = max(stdev(values), 1e-3) / math.sqrt(len(values))
         if abs(mean) > matters and abs(mean) > _SURE * error:
             found.append(
-                f"{name}: {mean:+.2f} in the mean of {len(values)} docked poses: the calibration drifts "
+                f"{name}: {mean:+.2f}, mean of {len(values)} docked poses: the calibration drifts "
                 "(davpc calibrate check)"
             )
     return tuple(found)

@@ -1,4 +1,4 @@
-"""``davpc jog``, ``grip``, ``lift``: a person's hand on a running robot, held-to-run and through the gate."""
+"""``davpc jog``, ``grip``, ``lift``: a running robot moved by hand, hold-to-run and through the gate."""
 
 from __future__ import annotations
 
@@ -10,71 +10,75 @@ import termios
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from common.errors import DeviceError
-from station.operate.answers import RunningOption, configured_namespace
+from station.interrupts import interruptible
+from station.operate.answers import namespace
+from station.operate.link import running_robot
+from station.operate.manual import Fingers, Keys, ManualFeedback, ManualLink
+from station.options import ConfigOption, RuntimeOption
 
-if TYPE_CHECKING:
-    from station.operate.manual import Felt, ManualLink
+manual = typer.Typer()
 
 _LIFT_TOLERANCE_M = 0.0005
 
 
+@manual.command(epilog="Example:  davpc jog --speed 0.05 --seconds 2")
 def jog(
     speed: Annotated[float, typer.Option(min=-0.1, max=0.1, help="m/s, negative backwards")] = 0.0,
     turn: Annotated[float, typer.Option(min=-0.3, max=0.3, help="rad/s, to the left")] = 0.0,
     seconds: Annotated[float, typer.Option(min=0, help="0: until Ctrl-C")] = 0,
-    runtime: RunningOption = None,
+    runtime: RuntimeOption = None,
+    config: ConfigOption = None,
 ) -> None:
     """Move the robot by hand, through the gate. `davpc jog`
 
     With neither --speed nor --turn by the arrow keys, for as long as one is held.
     """
-    from station.operate.manual import Keys
-
     by_keys = not speed and not turn
     if by_keys and not sys.stdin.isatty():
         raise typer.BadParameter("give --speed or --turn, or hold arrow keys at a terminal")
-    with _held() as let_go, _hand_on(runtime) as link, _keyboard(by_keys) as typed:
+    with interruptible() as released, _open(runtime, config) as link, _keyboard(by_keys) as typed:
         keys = Keys(0.05, 0.2)
         since_ns: list[int] = []
 
-        def steer(felt: Felt) -> tuple[float, float] | None:
-            since_ns.append(felt.now_ns) if not since_ns else None
-            if let_go() or (seconds and felt.now_ns - since_ns[0] >= seconds * 1e9):
+        def steer(feedback: ManualFeedback) -> tuple[float, float] | None:
+            if not since_ns:
+                since_ns.append(feedback.now_ns)
+                typer.echo("armed: hold an arrow key to move, q ends" if by_keys else "moving; Ctrl-C stops")
+            if released() or (seconds and feedback.now_ns - since_ns[0] >= seconds * 1e9):
                 return None
             if not by_keys:
                 return speed, turn
             strokes = typed()
-            return None if strokes.endswith("q") else keys.step(felt.now_ns, strokes)
+            return None if strokes.endswith("q") else keys.step(feedback.now_ns, strokes)
 
-        typer.echo("hold an arrow key to move, q ends" if by_keys else "moving; Ctrl-C stops")
-        _end(link.hold(steer), let_go)
+        _end(link.hold(steer), released)
 
 
+@manual.command(epilog="Example:  davpc grip close")
 def grip(
     action: Annotated[Literal["open", "close"], typer.Argument(help="what the fingers do; the arms stay")],
-    runtime: RunningOption = None,
+    runtime: RuntimeOption = None,
+    config: ConfigOption = None,
 ) -> None:
     """Open or close both grippers. `davpc grip open`
 
-    Letting go with Ctrl-C holds them as they are.
+    Ctrl-C stops them where they are.
     """
-    from station.operate.manual import Fingers
-
     wanted: Literal["open", "closed"] = "open" if action == "open" else "closed"
     fingers = Fingers(wanted)
-    last: list[Felt] = []
+    last: list[ManualFeedback] = []
 
-    def steer(felt: Felt) -> tuple[float, float] | None:
-        last[:] = [felt]
-        return None if let_go() else fingers.step(felt)
+    def steer(feedback: ManualFeedback) -> tuple[float, float] | None:
+        last[:] = [feedback]
+        return None if released() else fingers.step(feedback)
 
-    with _held() as let_go, _hand_on(runtime) as link:
-        _end(link.hold(steer, grip=wanted), let_go)
+    with interruptible() as released, _open(runtime, config) as link:
+        _end(link.hold(steer, grip=wanted), released)
     arms = last[0].arms if last else None
     state = "open" if arms and arms.released else "hold something" if arms and arms.gripped else "hold nothing"
     typer.echo(f"grippers {state}")
@@ -82,51 +86,41 @@ def grip(
         raise typer.Exit(1)
 
 
+@manual.command(epilog="Example:  davpc lift 200")
 def lift(
-    height_mm: Annotated[float, typer.Argument(metavar="MM", min=0, max=1000, help="above its lowest place")],
-    runtime: RunningOption = None,
+    height_mm: Annotated[float, typer.Argument(metavar="MM", min=0, max=1000, help="above its lowest position")],
+    runtime: RuntimeOption = None,
+    config: ConfigOption = None,
 ) -> None:
     """Move the lift to a height. `davpc lift 200`
 
-    Letting go with Ctrl-C holds it where it is.
+    Ctrl-C stops it where it is.
     """
     wanted_m = height_mm / 1000.0
     reached: list[float] = []
 
-    def steer(felt: Felt) -> tuple[float, float] | None:
-        if felt.drives is not None:
-            reached[:] = [felt.drives.lift_m]
+    def steer(feedback: ManualFeedback) -> tuple[float, float] | None:
+        if feedback.drives is not None:
+            reached[:] = [feedback.drives.lift_m]
         there = bool(reached) and abs(reached[0] - wanted_m) <= _LIFT_TOLERANCE_M
-        return None if there or let_go() else (0.0, 0.0)
+        return None if there or released() else (0.0, 0.0)
 
-    with _held() as let_go, _hand_on(runtime) as link:
-        _end(link.hold(steer, lift_m=wanted_m), let_go)
+    with interruptible() as released, _open(runtime, config) as link:
+        _end(link.hold(steer, lift_m=wanted_m), released)
     typer.echo(f"lift at {1000.0 * reached[0]:.1f} mm" if reached else "the lift did not move")
     if not reached or abs(reached[0] - wanted_m) > _LIFT_TOLERANCE_M:
         raise typer.Exit(1)
 
 
-def _hand_on(runtime: Path | None) -> ManualLink:
+def _open(runtime: Path | None, config: Path | None) -> ManualLink:
     """The connection to the robot that runs here, or in the named folder."""
-    from station.operate.link import running_robot
-    from station.operate.manual import ManualLink
-
-    return ManualLink(running_robot(runtime), configured_namespace())
+    return ManualLink(running_robot(runtime), namespace(config))
 
 
-def _end(cause: str, let_go: Callable[[], bool]) -> None:
+def _end(cause: str, released: Callable[[], bool]) -> None:
     if cause:
         raise DeviceError(f"stopped: {cause}")
-    typer.echo("let go" if let_go() else "done")
-
-
-@contextlib.contextmanager
-def _held() -> Iterator[Callable[[], bool]]:
-    """Whether the command was let go: Ctrl-C, SIGTERM, a closed terminal."""
-    from station.simulate.children import interruptible
-
-    with interruptible() as seen:
-        yield seen
+    typer.echo("released" if released() else "done")
 
 
 @contextlib.contextmanager

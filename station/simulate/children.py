@@ -17,18 +17,16 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from common.bus import Bus
 from common.errors import ConfigError
 from common.executor import EXIT_CONFIG
 from common.processes import ONE_MACHINE, process
-from common.timing import NS_PER_S, MonotonicClock
+from common.timing import NS_PER_S, Clock
 
 _TERMINATE_S = 3.0
 _GONE_AFTER = 3
 _PR_SET_PDEATHSIG = 1
 _PREFIX, _NEW_PREFIX = "davpc-sim-", "davpc-new-"
 _OWNER = "owner.lock"
-_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 Children = dict[str, subprocess.Popen[bytes]]
 
@@ -38,7 +36,13 @@ def start_children(
 ) -> None:
     """Start every process of the table and enter it into ``children`` at once, so that it can be stopped.
 
-    ``keep_open`` is a file descriptor that they inherit.
+    Args:
+        children: where they are entered.
+        config_path: configuration file.
+        overrides: of it, as ``table.key=value``.
+        runtime: folder of their sockets and frames.
+        logs: folder of their logs.
+        keep_open: file descriptor that they inherit.
     """
     for entry in ONE_MACHINE:
         command = [sys.executable, "-m", "station.cli", "run", entry.name]
@@ -115,7 +119,7 @@ def _remove_orphans(parent: Path) -> None:
 
 @contextlib.contextmanager
 def listening_socket() -> Iterator[socket.socket]:
-    """The CAN server's socket: bound here, so that its port is known and nobody else's."""
+    """The CAN server's socket: bound here, so that its port is known and taken."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         yield server
 
@@ -126,18 +130,6 @@ def with_server(overrides: Sequence[str], server: socket.socket) -> list[str]:
     buses = [f'{bus}.bus.host="{host}"' for bus in ("follower_can", "leader_can")]
     buses += [f"{bus}.bus.port={port}" for bus in ("follower_can", "leader_can")]
     return [*overrides, *buses, f"world.can_server_fd={server.fileno()}"]
-
-
-@contextlib.contextmanager
-def interruptible() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C, SIGTERM and a closed terminal set a flag, so that everything is taken down in order."""
-    seen: list[int] = []
-    before = {number: signal.signal(number, lambda n, _: seen.append(n)) for number in _STOP_SIGNALS}
-    try:
-        yield lambda: bool(seen)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def death(children: Children, logs: Path) -> str:
@@ -162,13 +154,18 @@ def _last_words(path: Path) -> str:
 
 
 class Absence:
-    """Notices a process of somebody else's that was alive and is no more; looks once a second.
+    """Notices that a process that another launcher started was alive and is no more; looks once a second.
 
     On a busy machine a link may break for a moment, and its process seem dead: three looks in a row count.
+
+    Args:
+        alive: names of the processes that are alive now.
+        names: those to look for.
+        clock: of this machine.
     """
 
-    def __init__(self, bus: Bus, names: set[str], clock: MonotonicClock) -> None:
-        self._bus, self._names, self._clock = bus, names, clock
+    def __init__(self, alive: Callable[[], set[str]], names: set[str], clock: Clock) -> None:
+        self._ask_alive, self._names, self._clock = alive, names, clock
         self._seen: set[str] = set()
         self._missed: Counter[str] = Counter()
         self._due_ns = 0
@@ -179,7 +176,7 @@ class Absence:
         if now_ns < self._due_ns:
             return ""
         self._due_ns = now_ns + NS_PER_S
-        alive = self._bus.alive()
+        alive = self._ask_alive()
         missing = (self._seen & self._names) - alive
         self._missed = Counter({name: self._missed[name] + 1 for name in missing})
         self._seen |= alive

@@ -51,7 +51,7 @@ def draw_all(records: Sequence[DockingRecord], out: Path) -> list[Path]:
 
 
 def draw_collection(records: Sequence[DockingRecord], path: Path) -> Path:
-    """All ways in one plan view; lateral and heading error of each docking beside its bound."""
+    """All trajectories in one plan view; lateral and heading error of each docking beside its bound."""
     figure, (plan, lateral, heading) = plt.subplots(3, 1, figsize=(9, 9), layout="constrained")
     for record in records:
         poses = np.array([(sample.pose.x_m, sample.pose.y_m) for sample in record.truth])
@@ -72,7 +72,7 @@ def draw_collection(records: Sequence[DockingRecord], path: Path) -> Path:
 
 
 def draw_plan_view(record: DockingRecord, path: Path) -> Path:
-    """True trajectory and the estimate in {L}, with the array, the goal and the robot along the way."""
+    """True trajectory and the estimate in {L}, with the array, the goal and the robot along it."""
     figure, axes = plt.subplots(figsize=(9, 4.2), layout="constrained")
     xs = np.array([sample.pose.x_m for sample in record.truth])
     ys = np.array([sample.pose.y_m for sample in record.truth])

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import queue
 import secrets
 import sys
 import time
@@ -13,19 +10,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from common.bus import Bus
 from common.channels import DOCK_REQUEST, LOCK_REQUEST, Channel
 from common.errors import ConfigError
-from common.executor import earlier_processes
-from common.messages import Answer, Header, LockRequest, MessageError, decode, encode
+from common.messages import LockRequest, MessageError
 from common.processes import GATEWAYS, ONE_MACHINE, PROCESSES
-from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock
+from common.timing import NS_PER_MS, NS_PER_S
 from experiments.queues.collector import Collector
+from station.interrupts import interruptible
+from station.operate.link import RobotLink
 from station.simulate.children import (
     Absence,
     Children,
     death,
-    interruptible,
     listening_socket,
     resident_mb,
     runtime_directory,
@@ -54,16 +50,16 @@ def run_processes(run: Run) -> Collection:
                 run.out / LOGS,
                 server.fileno(),
             )
-            with Bus(STATION, runtime, earlier_processes(STATION), run.config.network.namespace) as bus:
+            with RobotLink(runtime, run.config.network.namespace, STATION) as link:
                 wanted = {entry.name for entry in ONE_MACHINE}
                 died = partial(death, children, run.out / LOGS)
-                return _Session(run, runtime, bus, wanted, died, interrupted, children).collect()
+                return _Session(run, runtime, link, wanted, died, interrupted, children).collect()
         finally:
             stop_children(children)
 
 
 def run_attached(run: Run, runtime: Path) -> Collection:
-    """Dockings with the processes of two robots and a world that somebody else started.
+    """Dockings with the processes of two robots and a world that another launcher started.
 
     Args:
         run: its configuration is that of the processes.
@@ -74,47 +70,43 @@ def run_attached(run: Run, runtime: Path) -> Collection:
     """
     if not runtime.is_dir():
         raise ConfigError(f"--attach {runtime}: no robot runs here")
-    namespace = run.config.network.namespace
-    with interruptible() as interrupted, Bus(STATION, runtime, earlier_processes(STATION), namespace) as bus:
+    with interruptible() as interrupted, RobotLink(runtime, run.config.network.namespace, STATION) as link:
         # the Leader may be out of reach for a while, in an approach: the Follower's processes and the world may not
         near = {entry.name for entry in PROCESSES if entry.robot != "leader"} - {*GATEWAYS.values()}
-        died = Absence(bus, near, MonotonicClock())
-        return _Session(run, runtime, bus, {entry.name for entry in PROCESSES}, died, interrupted, {}).collect()
+        died = Absence(link.alive, near, link.clock)
+        return _Session(run, runtime, link, {entry.name for entry in PROCESSES}, died, interrupted, {}).collect()
 
 
 class _Session:
     """The station's side of one run: waits for the processes, asks for the dockings, records, watches.
 
     Args:
+        run: what to run.
+        runtime: folder of the robots' frames.
+        link: to the robots.
         wanted: the processes to wait for.
-        death: says which process ended, if one did.
-        children: those whose memory is weighed.
+        death: names the process that ended, if one did.
+        interrupted: whether the run is to end.
+        children: those whose memory is measured.
     """
 
     def __init__(
         self,
         run: Run,
         runtime: Path,
-        bus: Bus,
+        link: RobotLink,
         wanted: set[str],
         death: Callable[[], str],
         interrupted: Callable[[], bool],
         children: Children,
     ) -> None:
-        self._run, self._bus, self._children, self._interrupted = run, bus, children, interrupted
+        self._run, self._link, self._children, self._interrupted = run, link, children, interrupted
         self._wanted, self._death = wanted, death
-        self._clock = MonotonicClock()
         self._collector = Collector(run.first, run.trolleys, 0, f"sim-{secrets.token_hex(4)}")
         self._recorder = Recorder(run.config, runtime, self._collector)
         self._memory: Memory = {name: [] for name in children}
-        self._memory_due_ns = self._began_ns = self._clock.now_ns()
-        self._requests = 0
-        self._queue: queue.SimpleQueue[tuple[Channel[Any], bytes]] = queue.SimpleQueue()
-        for channel in Recorder.CHANNELS:
-            bus.stream(channel, partial(self._enqueue, channel))
-
-    def _enqueue(self, channel: Channel[Any], payload: bytes) -> None:
-        self._queue.put((channel, payload))
+        self._memory_due_ns = self._began_ns = link.now_ns
+        self._stream = link.stream(*Recorder.CHANNELS)
 
     def collect(self) -> Collection:
         """Run to the end."""
@@ -123,9 +115,9 @@ class _Session:
         return Collection(self._recorder.records, cause, self._memory)
 
     def _await_ready(self) -> str:
-        deadline_ns = self._clock.now_ns() + round(READY_TIMEOUT_S * NS_PER_S)
+        deadline_ns = self._link.now_ns + round(READY_TIMEOUT_S * NS_PER_S)
         while True:
-            missing = self._wanted - self._bus.alive()
+            missing = self._wanted - self._link.alive()
             if not missing:
                 return ""
             died = self._death()
@@ -133,31 +125,28 @@ class _Session:
                 return died
             if self._interrupted():
                 return "interrupted"
-            if self._clock.now_ns() > deadline_ns:
+            if self._link.now_ns > deadline_ns:
                 return f"not ready in {READY_TIMEOUT_S:.0f} s: {', '.join(sorted(missing))}"
             self._drain(0.1)
 
     def _ask(self) -> None:
-        """Hand on what the collector asks; it asks again with the same id until it has an answer."""
-        now_ns = self._clock.now_ns()
-        request = self._collector.step(now_ns)
+        """Pass on what the collector asks; it asks again with the same id until it has an answer."""
+        request = self._collector.step(self._link.now_ns)
         if request is None:
             return
-        self._requests += 1
-        header = Header(STATION, os.getpid(), self._requests, now_ns, self._clock.boot_id)
         channel: Channel[Any] = LOCK_REQUEST if isinstance(request, LockRequest) else DOCK_REQUEST
-        reply = self._bus.request(channel, encode(request, header), timeout_s=1.0)
-        if reply is not None:
-            self._collector.answered(decode(Answer, reply)[1])
+        answer = self._link.ask_once(channel, request)
+        if answer is not None:
+            self._collector.answered(answer)
 
     def _watch(self) -> str:
-        deadline_ns = self._clock.now_ns() + round(self._run.trolleys * RUN_TIMEOUT_S * NS_PER_S)
+        deadline_ns = self._link.now_ns + round(self._run.trolleys * RUN_TIMEOUT_S * NS_PER_S)
         died, died_ns = "", 0
         while True:
             self._drain(0.05)
-            now_ns = self._clock.now_ns()
+            now_ns = self._link.now_ns
             self._run.progress(self._recorder.current)
-            self._weigh(now_ns)
+            self._measure_memory(now_ns)
             if self._interrupted():
                 return "interrupted"
             if died:
@@ -173,7 +162,7 @@ class _Session:
             if now_ns > deadline_ns:
                 return "time_limit"
 
-    def _weigh(self, now_ns: int) -> None:
+    def _measure_memory(self, now_ns: int) -> None:
         """Note how much memory each process holds."""
         if now_ns < self._memory_due_ns:
             return
@@ -187,14 +176,11 @@ class _Session:
         """Record what came in ``wait_s`` seconds."""
         deadline = time.monotonic() + wait_s
         while (remaining := deadline - time.monotonic()) > 0:
-            with contextlib.suppress(queue.Empty):
-                channel, payload = self._queue.get(timeout=remaining)
-                self._take(channel, payload)
-
-    def _take(self, channel: Channel[Any], payload: bytes) -> None:
-        try:
-            header, message = decode(channel.message, payload)
-        except MessageError as error:
-            print(f"davpc: {channel.key}: {error}", file=sys.stderr)  # noqa: T201 - a fault nobody else reports
-            return
-        self._recorder.take(channel, message, header.stamp_ns)
+            try:
+                item = self._stream.next(remaining)
+            except MessageError as error:
+                print(f"davpc: {error}", file=sys.stderr)  # noqa: T201 - a fault that nothing else reports
+                continue
+            if item is not None:
+                channel, header, message = item
+                self._recorder.take(channel, message, header.stamp_ns)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -11,6 +10,7 @@ from rich.live import Live
 from rich.table import Table
 
 from common.timing import NS_PER_MS, NS_PER_S
+from station.operate.format import place
 from station.simulate.record import DockingRecord
 from station.simulate.run import Progress
 
@@ -47,8 +47,8 @@ def _table(record: DockingRecord) -> Table:
             "LEDs", f"{state.leds_seen} seen, {state.cause}, frame {state.frame_sequence}, age {age_ms:.0f} ms"
         )
     if drives is not None:
-        told = f"v {drives.v_set_m_s:+.3f} m/s  ω {drives.w_set_rad_s:+.3f} rad/s"
-        table.add_row("drives", f"{drives.state}  {told}  image→CAN {drives.image_to_can_ns / 1e6:.1f} ms")
+        commanded = f"v {drives.v_set_m_s:+.3f} m/s  ω {drives.w_set_rad_s:+.3f} rad/s"
+        table.add_row("drives", f"{drives.state}  {commanded}  image→CAN {drives.image_to_can_ns / 1e6:.1f} ms")
     if record.arms is not None:
         table.add_row(
             "arms", f"handle {record.arms.handle_force_n:+.1f} N{'  contact' if record.arms.contact else ''}"
@@ -65,15 +65,7 @@ def _table(record: DockingRecord) -> Table:
 
 
 def _where(record: DockingRecord) -> str:
-    if not record.states or not record.states[-1].valid:
-        return "not seen"
-    state, goal = record.states[-1], record.goal()
-    # the estimate as an error of the Follower in {L}
-    lateral = math.sin(state.theta_rad) * state.x_m - math.cos(state.theta_rad) * state.y_m
-    distance = math.hypot(state.x_m - goal.x_m, state.y_m)
-    return (
-        f"to goal {distance:.2f} m  lateral {100 * lateral:+.1f} cm  heading {-math.degrees(state.theta_rad):+.2f}°"
-    )
+    return place(record.states[-1] if record.states else None, record.goal())
 
 
 def _seconds(record: DockingRecord) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,8 +11,9 @@ import numpy as np
 
 from common.channels import ARM_STATE, COMMAND, DOCKING_STATE, DRIVES, FRAME, LEADER_STATE, MISSION, Channel
 from common.config import Config
+from common.docking_errors import docked_error
 from common.frame_ring import FrameReader, Image
-from common.geometry import Array, Pose2, features_at, wrap_angle
+from common.geometry import Array, Pose2, features_at
 from common.messages import ArmState, Command, DockingState, Drives, Frame, LeaderState, Mission, Phase
 from common.timing import NS_PER_MS, NS_PER_S
 
@@ -69,7 +69,7 @@ class DockingRecord:
 
     @property
     def phase(self) -> Phase:
-        """The supervisor's phase, as last heard."""
+        """The supervisor's newest phase."""
         return self.mission.phase if self.mission else "idle"
 
     def take(self, channel: Channel[Any], message: Any, stamp_ns: int) -> None:
@@ -109,7 +109,7 @@ class DockingRecord:
         self.truth.append(sample)
 
     def release(self) -> None:
-        """Let go of the run's shared memory."""
+        """Release the run's shared memory."""
         self._reader = None
         self._frames.clear()
 
@@ -139,7 +139,7 @@ class DockingRecord:
         docking = self.config.docking
         return docking.lateral_bound_first_m if self.trolley == 1 else docking.lateral_bound_next_m
 
-    # --- what came out
+    # --- results
 
     def phase_start_ns(self, phase: Phase) -> int | None:
         """When the phase was first announced."""
@@ -159,13 +159,12 @@ class DockingRecord:
         if sample is None:
             return dict.fromkeys(("e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px"))
         goal = self.goal()
-        wanted = goal.inverse()
-        relative = sample.pose.inverse()
+        error = docked_error(sample.pose, goal)
         return {
-            "e_x_cm": 100 * abs(sample.pose.x_m - wanted.x_m),
-            "e_y_cm": 100 * abs(sample.pose.y_m - wanted.y_m),
-            "e_theta_deg": math.degrees(abs(wrap_angle(relative.theta_rad - goal.theta_rad))),
-            "e_p_px": self._feature_error_px(relative, goal),
+            "e_x_cm": 100 * abs(error.e_x_m),
+            "e_y_cm": 100 * abs(error.e_y_m),
+            "e_theta_deg": abs(error.e_theta_deg),
+            "e_p_px": self._feature_error_px(sample.pose.inverse(), goal),
         }
 
     def _feature_error_px(self, relative: Pose2, goal: Pose2) -> float | None:
@@ -232,7 +231,7 @@ class DockingRecord:
         }
 
     def _locked(self) -> bool:
-        """The Leader says that this trolley is locked; its count is unknown to it after a restart."""
+        """The Leader reports this trolley locked; after a restart its count is not known."""
         leader = self.leader
         return leader is not None and leader.lock == "locked" and leader.queue in (None, self.trolley)
 

@@ -48,9 +48,17 @@ def machine() -> dict[str, Any]:
 def write_results(
     records: Sequence[DockingRecord], cause: str, memory_mb: Memory, settings: dict[str, Any], out: Path
 ) -> dict[str, Any]:
-    """Write ``results.json`` to ``out`` and return its content, None for what is no number.
+    """Write ``results.json``, with null for what is no number.
 
-    One docking is the file's content itself; of several each is an entry of ``trolleys``.
+    Args:
+        records: of the dockings.
+        cause: what ended the run early; "" for nothing.
+        memory_mb: resident memory of each process by time.
+        settings: of the run.
+        out: folder.
+
+    Returns:
+        The content: of one docking itself, of several an entry of ``trolleys`` each.
     """
     last = len(records) - 1
     rows = [record.results(cause if i == last else "") for i, record in enumerate(records)]

@@ -12,7 +12,8 @@ from common.processes import ONE_MACHINE
 from common.timing import NS_PER_S, SteppedClock
 from experiments.queues.collector import Collector
 from sim.stepped import SteppedExecutor
-from station.simulate.children import interruptible, runtime_directory
+from station.interrupts import interruptible
+from station.simulate.children import runtime_directory
 from station.simulate.run import RUN_TIMEOUT_S, STATION, Collection, Recorder, Run
 
 

@@ -8,8 +8,8 @@ from common.channels import FOLLOWER_GATEWAY
 from common.config import load_config
 from common.messages import GatewayState
 from gateway.access import robot_access
-from station.doctor.bus import Heard, listen
-from station.doctor.findings import Seen
+from station.doctor.bus import RobotReport, listen
+from station.doctor.findings import ProbeResult
 from station.doctor.network import check_access, check_certificate, check_link
 from tests.net.gateways import READY_S, Gateways, needs_openssl
 from tests.rigs.canbus_rig import CONFIG_PATH
@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.alone, needs_openssl]
 
 def heard_gateway(gateways: Gateways) -> GatewayState:
     """What the Follower's gateway says of itself, as the doctor hears it."""
-    found: list[Heard] = []
+    found: list[RobotReport] = []
 
     def is_heard() -> bool:
         found[:] = [listen(gateways.runtime("follower"), gateways.namespace, 1.0)]
@@ -38,9 +38,9 @@ def test_rules_link_and_certificate_of_a_running_gateway(gateways: Gateways) -> 
     network = load_config(CONFIG_PATH, gateways.settings).network
     same = check_access("follower", robot_access(network, "follower"), network.namespace, state)
     assert same.status == "ok", same
-    assert "as the gateway works" in same.seen
+    assert "as the gateway applies them" in same.seen
     edited = load_config(CONFIG_PATH, [*gateways.settings, "network.operators=[]"]).network
     other = check_access("follower", robot_access(edited, "follower"), edited.namespace, state)
     assert other.status == "failed", other
     assert check_link("follower", state).status == "ok"
-    assert check_certificate("follower", Seen(state.certificate_left_s)).status == "ok"
+    assert check_certificate("follower", ProbeResult(state.certificate_left_s)).status == "ok"

@@ -163,8 +163,10 @@ def is_stop(frame: CanFrame, node_id: int) -> bool:
     return velocity == 0 or word & 0x04 == 0
 
 
-class StepPace:
+class RigClock:
     """Sleeping lets the simulated world go on."""
+
+    boot_id = "stepped"
 
     def __init__(self, rig: Rig) -> None:
         self._rig = rig

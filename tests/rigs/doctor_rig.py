@@ -9,9 +9,9 @@ from station.doctor.findings import (
 
 
 def told(finding: Finding, status: Status, *words: str) -> None:
-    """The finding is of this status, and says these words."""
+    """The finding is of this status, and its line has these words."""
     assert finding.status == status, finding
     for word in words:
         assert word in finding.line(), finding
     if status in ("warning", "failed"):
-        assert finding.remedy, "a complaint says what to do"
+        assert finding.remedy, "a complaint names a remedy"

@@ -68,11 +68,11 @@ def test_beside_running_robots(standing: tuple[Path, list[str]]) -> None:
     runtime, words = standing
     seen: dict[str, dict[str, Any]] = {}
 
-    def all_is_heard() -> bool:
+    def all_is_received() -> bool:
         seen.update(doctor(*words)[1])
         return all(seen[check]["status"] == "ok" for check in ("LEDs seen", "Leader"))
 
-    until(all_is_heard, 90)
+    until(all_is_received, 90)
     assert seen["processes"]["status"] == "failed"
     assert seen["processes"]["seen"] == "not running: follower-controller, follower-arms, follower-supervisor"
     assert seen["camera rate"]["status"] != "skipped"

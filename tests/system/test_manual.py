@@ -74,6 +74,6 @@ def test_by_hand(robot: Path, tmp_path: Path) -> None:
 
 
 def test_no_robot_is_one_line(tmp_path: Path) -> None:
-    nobody = davpc(tmp_path, *JOG)
-    assert said(nobody) == f"davpc: {tmp_path}: no robot runs here\n"
-    assert nobody.returncode == 3
+    alone = davpc(tmp_path, *JOG)
+    assert said(alone) == f"davpc: {tmp_path}: no robot runs here\n"
+    assert alone.returncode == 3

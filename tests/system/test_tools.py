@@ -69,7 +69,7 @@ def _teach(runtime: Path, path: Path, config: Config) -> None:
     assert (taught.trolley, taught.frames) == (1, 30)
     assert taught.pose.as_array() == pytest.approx(truth.as_array(), abs=0.02)
     assert taught.features == pytest.approx(features_at(config.leds.points, truth, config.camera.mount), abs=1e-3)
-    assert taught.offset_px > 5.0, "it stands before the goal, and that is told"
+    assert taught.offset_px > 5.0, "it stands before the goal, and that is reported"
 
 
 def _view(runtime: Path, path: Path, config: Config) -> None:
@@ -88,10 +88,10 @@ def _view(runtime: Path, path: Path, config: Config) -> None:
 def test_without_a_robot_they_say_so() -> None:
     for arguments, code, said in (
         (("camera", "snapshot"), 2, "needs a running simulation"),
-        (("teach", "1"), 2, "no robot runs here"),
+        (("teach", "1"), 3, "no robot runs here"),
         (("calibrate", "camera", "absent-folder"), 2, "no such folder"),
         (("calibrate", "mount", "absent.json"), 2, "absent.json"),
-        (("calibrate", "view", "2,0,0"), 2, "no robot runs here"),
+        (("calibrate", "view", "2,0,0"), 3, "no robot runs here"),
         (("calibrate", "camera"), 2, "a folder of images, or --live"),
         (("calibrate", "camera", "here", "--board", "1x1"), 2, "--board 1x1"),
         (("calibrate", "check", "absent.toml"), 2, "absent.toml"),

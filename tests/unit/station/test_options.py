@@ -8,8 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from common.errors import ConfigError
+from station.bench import bench
 from station.cli import app
-from station.experiment import bench, experiment
+from station.experiment import experiment
 from station.options import numbers, results_folder, writable
 
 
@@ -40,9 +41,9 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 )
 def test_a_result_that_cannot_be_stored_is_told_before_the_work(tmp_path: Path, command: list[str]) -> None:
     out = tmp_path / "missing" / "out.png"
-    told = CliRunner().invoke(app, [*command, "--out", str(out)])
-    assert isinstance(told.exception, ConfigError)
-    assert str(told.exception).startswith(f"{out}: cannot be written: no folder")
+    result = CliRunner().invoke(app, [*command, "--out", str(out)])
+    assert isinstance(result.exception, ConfigError)
+    assert str(result.exception).startswith(f"{out}: cannot be written: no folder")
 
 
 def test_a_folder_for_results_may_be_there_or_be_made(tmp_path: Path) -> None:
@@ -63,6 +64,6 @@ def test_a_folder_for_results_may_be_there_or_be_made(tmp_path: Path) -> None:
 )
 def test_no_experiment_is_run_whose_results_cannot_be_stored(tmp_path: Path, command: tuple[str, str]) -> None:
     (tmp_path / "file").touch()
-    told = CliRunner().invoke(app, [*command, "--out", str(tmp_path / "file" / "deep")])
-    assert isinstance(told.exception, ConfigError)
-    assert str(told.exception) == f"--out {tmp_path}/file/deep: cannot be written to: Not a directory"
+    result = CliRunner().invoke(app, [*command, "--out", str(tmp_path / "file" / "deep")])
+    assert isinstance(result.exception, ConfigError)
+    assert str(result.exception) == f"--out {tmp_path}/file/deep: cannot be written to: Not a directory"

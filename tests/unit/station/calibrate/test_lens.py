@@ -14,19 +14,8 @@ from common.config import Config, LensConfig
 from common.errors import ConfigError
 from common.geometry import Array
 from sim.optics.lens import Law, image_by_law
-from station.calibrate.lens import (
-    Board,
-    Calibration,
-    CalibrationError,
-    Coverage,
-    calibrate_camera,
-    coverage_of,
-    find_corners,
-    fit_lens,
-    holds,
-    project,
-    rays,
-)
+from station.calibrate.board import Board, Coverage, coverage_of, find_corners
+from station.calibrate.lens import Calibration, CalibrationError, calibrate_camera, fit_lens, holds, project, rays
 from station.calibrate.lens_file import age_days, differences, store, stored
 
 SIZE = (1280, 1024)
@@ -213,7 +202,7 @@ def test_a_stored_calibration_is_compared_with_the_configuration(config: Config,
     )
     store(Calibration(bent, 0.1, {"fisheye": 0.2}, Coverage(0.8, ()), 20), "7", "2026-05-04", SIZE, path)
     said = differences(stored(path), config.camera.model_copy(update={"lens": bent}))
-    assert said == ["a camera.lens that does not hold over the whole image: calibrate it anew"]
+    assert said == ["a camera.lens that does not hold over the whole image: calibrate it again"]
     path.write_text(path.read_text().replace("2026-05-04", "yesterday"))
     with pytest.raises(ConfigError, match=r"camera\.toml: date"):
         age_days(stored(path), date(2026, 6, 4), path)

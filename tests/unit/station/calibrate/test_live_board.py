@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from common.frame_ring import Image
-from station.calibrate.lens import Board, covered_cells
+from station.calibrate.board import Board, covered_cells
 from station.calibrate.live_board import BoardCollector, collect
 
 BOARD = Board(columns=5, rows=4, square_m=0.03)
@@ -27,12 +27,12 @@ def everywhere() -> list[Image]:
 
 def test_a_view_is_taken_when_the_board_is_somewhere_new() -> None:
     collector = BoardCollector(BOARD, SIZE)
-    assert collector.look(board_at(30, 40))
-    assert not collector.look(board_at(32, 41)), "hardly moved"
-    assert not collector.look(np.full((SIZE[1], SIZE[0]), 220, np.uint8))
+    assert collector.take(board_at(30, 40))
+    assert not collector.take(board_at(32, 41)), "hardly moved"
+    assert not collector.take(np.full((SIZE[1], SIZE[0]), 220, np.uint8))
     assert not collector.found
-    assert collector.look(board_at(150, 40))
-    assert not collector.look(board_at(30, 40)), "been there before"
+    assert collector.take(board_at(150, 40))
+    assert not collector.take(board_at(30, 40)), "been there before"
     assert len(collector.views) == 2
     assert "2 images with the whole board" in collector.missing
 
@@ -48,7 +48,7 @@ def test_collecting_ends_by_itself_when_the_image_is_covered() -> None:
 
 def test_the_grid_shows_what_is_covered() -> None:
     collector = BoardCollector(BOARD, SIZE)
-    collector.look(board_at(4, 4))
+    collector.take(board_at(4, 4))
     rows = collector.grid().split("\n")
     assert [len(row.split()) for row in rows] == [6] * 6
     assert rows[0].startswith("■")

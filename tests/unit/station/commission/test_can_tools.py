@@ -9,7 +9,7 @@ from sim.can.drive_402 import Drive402
 from sim.can.faults import EncoderFault
 from station.commission.can_tools import Monitor, follower_names, scan
 from station.commission.enable_test import Check, EnableTest
-from tests.rigs.canbus_rig import CONFIG_PATH, Rig, StepPace, Tap, follower_rig, wheel_surface_speed
+from tests.rigs.canbus_rig import CONFIG_PATH, Rig, RigClock, Tap, follower_rig, wheel_surface_speed
 
 
 def test_scan_finds_every_node_by_name() -> None:
@@ -86,7 +86,7 @@ def _turn(drive: Drive402, speed_per_n_m: float, gives: float) -> None:
 def _run(rig: Rig, stuck: int = -1, weak: int = -1) -> list[Check]:
     _lift_follows(rig)
     _arms_follow(rig, stuck, weak)
-    return list(EnableTest(rig.config, CONFIG_PATH, StepPace(rig)).run())
+    return list(EnableTest(rig.config, CONFIG_PATH, RigClock(rig)).run())
 
 
 def test_enable_test_passes_on_a_healthy_robot() -> None:
@@ -94,7 +94,7 @@ def test_enable_test_passes_on_a_healthy_robot() -> None:
         checks = _run(rig)
         assert [check for check in checks if not check.passed] == []
         assert len(checks) == 1 + 4 + 1 + 8 * 3 + 2 + 1
-        assert "told 1.0, went 0.600 m/s" in checks[5].seen
+        assert "commanded 1.0, measured 0.600 m/s" in checks[5].result
         assert checks[-1].name == "watchdog"
         assert not rig.robot.left_wheel.enabled
 
@@ -104,7 +104,7 @@ def test_enable_test_ends_at_a_wheel_that_turns_the_wrong_way() -> None:
         rig.robot.right_wheel.encoder = EncoderFault(inverted=True)
         checks = _run(rig)
         assert (checks[-1].name, checks[-1].passed) == ("right wheel forward", False)
-        assert "right -0.100 m/s" in checks[-1].seen
+        assert "right -0.100 m/s" in checks[-1].result
 
 
 def test_enable_test_ends_at_a_joint_that_turns_the_wrong_way() -> None:
@@ -118,7 +118,7 @@ def test_enable_test_ends_at_a_joint_that_does_not_move() -> None:
     with follower_rig() as rig:
         checks = _run(rig, stuck=1)
         assert (checks[-1].name, checks[-1].passed) == ("left joint 2 moves", False)
-        assert "neither way" in checks[-1].seen
+        assert "in neither direction" in checks[-1].result
 
 
 def test_enable_test_ends_at_a_joint_that_does_not_give_its_torque() -> None:

@@ -13,7 +13,7 @@ from common.errors import ConfigError, DeviceError
 from follower.can_bridge.measurement import DriveSetpoint
 from sim.can.drive_402 import Drive402
 from station.commission.homing import Homing
-from tests.rigs.canbus_rig import CONFIG_PATH, Rig, StepPace, follower_rig, rig_with, stepped_config
+from tests.rigs.canbus_rig import CONFIG_PATH, Rig, RigClock, follower_rig, rig_with, stepped_config
 
 DOWN = HomingConfig(method=17, position=0.0, search_speed=0.04, zero_speed=0.005, acceleration=0.2)
 # a motor that turns the other way meets its negative limit switch at the axis' upper end
@@ -52,7 +52,7 @@ def _follow(drive: Drive402) -> None:
 
 
 def home(made: Rig) -> list[Any]:
-    return list(Homing(made.config, CONFIG_PATH, StepPace(made)).run())
+    return list(Homing(made.config, CONFIG_PATH, RigClock(made)).run())
 
 
 def test_a_bridge_refuses_an_axis_that_is_not_homed() -> None:
@@ -89,14 +89,14 @@ def test_home_where_it_stands() -> None:
 def test_a_method_that_the_drive_does_not_know_fails_by_name() -> None:
     odd = DOWN.model_copy(update={"method": 5})
     with rig(homed_config(lift=odd)) as made:
-        assert home(made)[-1].seen == "the drive reports a homing error"
+        assert home(made)[-1].result == "the drive reports a homing error"
         assert not any(drive.enabled for drive in made.robot.drives)
 
 
 def test_a_switch_that_never_comes_ends_in_time() -> None:
     short = DOWN.model_copy(update={"timeout_s": 0.5})
     with rig(homed_config(lift=short)) as made:
-        assert home(made)[-1].seen == "home not found in 0.5 s"
+        assert home(made)[-1].result == "home not found in 0.5 s"
         made.pass_time(200)
         assert not made.robot.lift.enabled
 
@@ -105,22 +105,22 @@ def test_a_stop_input_ends_it() -> None:
     with rig(homed_config()) as made:
         made.robot.set_stop_inputs(estop_clear=False, protective_clear=True)
         checks = home(made)
-        assert (len(checks), checks[0].passed, checks[0].seen) == (1, False, "a stop input is active")
+        assert (len(checks), checks[0].passed, checks[0].result) == (1, False, "a stop input is active")
 
 
 def test_without_such_an_axis_there_is_nothing_to_home() -> None:
     with follower_rig() as made, pytest.raises(ConfigError, match="no drive has homing"):
-        Homing(made.config, CONFIG_PATH, StepPace(made))
+        Homing(made.config, CONFIG_PATH, RigClock(made))
 
 
 @pytest.mark.parametrize(
-    ("override", "told"),
+    ("override", "message"),
     [
         ("follower_can.left_wheel.homing={HOMING}", "homing is for joints and lift"),
         ("follower_can.lift.zero_counts=5", "zero_counts is of an absolute encoder"),
     ],
 )
-def test_configuration_of_homing_is_checked(override: str, told: str) -> None:
+def test_configuration_of_homing_is_checked(override: str, message: str) -> None:
     text = "{ method = 17, position = 0.0, search_speed = 0.1, zero_speed = 0.1, acceleration = 1.0 }"
-    with pytest.raises(ConfigError, match=told):
+    with pytest.raises(ConfigError, match=message):
         load_config(CONFIG_PATH, [f"follower_can.lift.homing={text}", override.replace("{HOMING}", text)])

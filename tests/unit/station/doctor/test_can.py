@@ -12,25 +12,25 @@ from common.canopen.frames import SDO_REQUEST
 from common.config import BusConfig
 from common.errors import DeviceError
 from station.doctor.can import (
-    Interview,
+    NodeReport,
+    ask_nodes,
     check_interface,
     check_nodes,
     check_watchdogs,
     follower_nodes,
     has_master,
-    interview,
     leader_nodes,
 )
-from station.doctor.findings import Finding, Seen, look
+from station.doctor.findings import Finding, ProbeResult, run_probe
 from tests.rigs.canbus_rig import CONFIG_PATH, Rig, Tap, follower_rig, leader_rig
 
 REAL = BusConfig(interface="socketcan", channel="can0")
 UPLOAD = 0x40
 
 
-def ask(rig: Rig) -> list[Interview] | None:
+def ask(rig: Rig) -> list[NodeReport] | None:
     can = rig.config.follower_can
-    return interview(can.bus, can.master_node_id, follower_nodes(rig.config, CONFIG_PATH))
+    return ask_nodes(can.bus, can.master_node_id, follower_nodes(rig.config, CONFIG_PATH))
 
 
 def told(finding: Finding, status: str, words: str = "") -> None:
@@ -41,7 +41,7 @@ def told(finding: Finding, status: str, words: str = "") -> None:
 def test_nodes_just_switched_on_answer_and_have_no_watchdog_yet() -> None:
     with follower_rig() as rig:
         tap = Tap(rig)
-        seen = Seen(ask(rig))
+        seen = ProbeResult(ask(rig))
         told(check_nodes("follower", seen), "ok", "12 answer")
         told(check_watchdogs("follower", seen), "warning", "12 of 12 not set")
         sent = [frame for _, frame in tap.read() if frame.can_id & 0x780 != 0x580]
@@ -55,9 +55,20 @@ def test_watchdogs_that_a_bridge_has_set_are_read_back() -> None:
     with follower_rig() as rig:
         rig.drives.open()
         rig.drives.close()
-        seen = Seen(ask(rig))
+        seen = ProbeResult(ask(rig))
         told(check_nodes("follower", seen), "ok")
         told(check_watchdogs("follower", seen), "ok", "12 set as configured")
+
+
+def test_a_speed_limit_of_another_geometry_is_noticed() -> None:
+    with follower_rig() as rig:
+        rig.drives.open()
+        rig.drives.close()
+        base = rig.config.base.model_copy(update={"wheel_radius_m": 0.5 * rig.config.base.wheel_radius_m})
+        changed = rig.config.model_copy(update={"base": base})
+        can = rig.config.follower_can
+        reports = ask_nodes(can.bus, can.master_node_id, follower_nodes(changed, CONFIG_PATH))
+        told(check_watchdogs("follower", ProbeResult(reports)), "warning", "2 of 12 not set; left wheel: speed limit")
 
 
 def test_a_silent_node_and_a_stranger_are_named() -> None:
@@ -66,10 +77,10 @@ def test_a_silent_node_and_a_stranger_are_named() -> None:
         nodes = follower_nodes(rig.config, CONFIG_PATH)
         nodes[0] = dataclasses.replace(nodes[0], serial=7)
         can = rig.config.follower_can
-        seen = Seen(interview(can.bus, can.master_node_id, nodes))
+        seen = ProbeResult(ask_nodes(can.bus, can.master_node_id, nodes))
         told(check_nodes("follower", seen), "failed", "left wheel")
         assert seen.value is not None
-        strangers = [answer.stranger for answer in seen.value if answer.stranger]
+        strangers = [answer.misfit for answer in seen.value if answer.misfit]
         assert "serial number" in strangers[0]
         assert "node 13 (left joint 3)" in strangers[1]
         told(check_nodes("follower", seen), "failed", "(and 1 more)")
@@ -92,7 +103,7 @@ def test_a_bus_with_a_master_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr("station.doctor.can.has_master", lambda *_: True)
     with follower_rig() as rig:
         tap = Tap(rig)
-        seen = Seen(ask(rig))
+        seen = ProbeResult(ask(rig))
         assert tap.read() == []
         tap.close()
     told(check_nodes("follower", seen), "skipped", "another master")
@@ -102,24 +113,24 @@ def test_a_bus_with_a_master_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> N
 def test_the_leaders_module() -> None:
     with leader_rig() as (config, _, _, _):
         can = config.leader_can
-        seen = Seen(interview(can.bus, can.master_node_id, leader_nodes(config, CONFIG_PATH)))
+        seen = ProbeResult(ask_nodes(can.bus, can.master_node_id, leader_nodes(config, CONFIG_PATH)))
         told(check_nodes("leader", seen), "ok", "1 answer")
         told(check_watchdogs("leader", seen), "warning", "watchdog 200 ms")
 
 
 def test_a_drive_without_the_object_fails() -> None:
-    answers = [Interview("left wheel", refused=("node 1 (left wheel): object 6007h:00: …",))]
-    told(check_watchdogs("follower", Seen(answers)), "failed", "6007h")
-    told(check_watchdogs("follower", Seen(why="CAN bus can0: cannot be opened")), "failed", "can0")
-    strangers = [Interview("left wheel", stranger="node 1: silent")]
-    told(check_watchdogs("follower", Seen(strangers)), "skipped", "no node answers")
+    answers = [NodeReport("left wheel", refused=("node 1 (left wheel): object 6007h:00: …",))]
+    told(check_watchdogs("follower", ProbeResult(answers)), "failed", "6007h")
+    told(check_watchdogs("follower", ProbeResult(why="CAN bus can0: cannot be opened")), "failed", "can0")
+    strangers = [NodeReport("left wheel", misfit="node 1: silent")]
+    told(check_watchdogs("follower", ProbeResult(strangers)), "skipped", "no node answers")
 
 
-def link(**data: Any) -> Seen[Any]:
+def link(**data: Any) -> ProbeResult[Any]:
     known: dict[str, Any] = {"state": "ERROR-ACTIVE", "bittiming": {"bitrate": 1_000_000}, "restart_ms": 100}
     flags = data.pop("flags", ["NOARP", "UP"])
     length = data.pop("txqlen", 128)
-    return Seen({"flags": flags, "txqlen": length, "linkinfo": {"info_data": {**known, **data}}})
+    return ProbeResult({"flags": flags, "txqlen": length, "linkinfo": {"info_data": {**known, **data}}})
 
 
 def test_interface() -> None:
@@ -130,7 +141,7 @@ def test_interface() -> None:
     told(check_interface("follower", REAL, link(state="ERROR-PASSIVE")), "warning", "errors on the wire")
     told(check_interface("follower", REAL, link(restart_ms=0)), "warning", "bus-off")
     told(check_interface("follower", REAL, link(txqlen=10)), "warning", "transmit queue 10")
-    missing: Seen[Any] = look(_absent, 10.0)
+    missing: ProbeResult[Any] = run_probe(_absent, 10.0)
     told(check_interface("follower", REAL, missing), "failed", "there is no interface can0")
     with follower_rig() as rig:
         told(check_interface("follower", rig.config.follower_can.bus, missing), "skipped", "simulated")

@@ -9,12 +9,12 @@ import pytest
 
 from common.errors import ConfigError, DeviceError
 from station.doctor.findings import (
-    Seen,
+    ProbeResult,
     as_table,
     failed,
     is_well,
-    look,
     ok,
+    run_probe,
     skipped,
     summary,
     warning,
@@ -39,20 +39,20 @@ def raising(error: Exception) -> Callable[[], int]:
     ],
 )
 def test_a_probe_that_fails_is_a_line(error: Exception, line: str) -> None:
-    assert look(raising(error), 10.0) == Seen(why=line)
+    assert run_probe(raising(error), 10.0) == ProbeResult(why=line)
 
 
 def test_a_probe_that_hangs_is_left_behind() -> None:
     never = threading.Event()
-    assert look(never.wait, 0.05).why == "no answer within 0 s"
+    assert run_probe(never.wait, 0.05).why == "no answer within 0 s"
     never.set()
-    assert look(lambda: 3, 10.0) == Seen(3)
+    assert run_probe(lambda: 3, 10.0) == ProbeResult(3)
 
 
 def test_the_report() -> None:
     findings = [ok("a", "well"), warning("b", "old", "renew"), skipped("c", "there is none")]
     assert is_well(findings)
-    assert summary(findings) == "1 warning, 1 ok, 1 skipped"
+    assert summary(findings) == "1 warning, 1 ok, 1 skipped\nnot looked at: c"
     assert findings[1].line().split() == ["warning", "b", "old", "→", "renew"]
     findings.append(failed("d", "broken", "mend"))
     assert not is_well(findings)

@@ -8,7 +8,7 @@ import pytest
 
 from common.processes import PROCESSES
 from station.doctor import probes as doctor_probes
-from station.doctor.examination import Visit
+from station.doctor.examination import Examination
 from station.doctor.findings import (
     Finding,
 )
@@ -92,8 +92,8 @@ def test_a_service_manager_that_does_not_answer_is_not_taken_for_none(
 ) -> None:
     monkeypatch.setattr(doctor_probes, "_SYSTEMD", tmp_path)
     monkeypatch.setattr(doctor_probes, "_output", lambda _: None)
-    findings = {found.check: found for found in Visit(("leader",), tmp_path, tmp_path / "none.toml").findings()}
+    findings = {found.check: found for found in Examination(("leader",), tmp_path, tmp_path / "none.toml").findings()}
     told(findings["units leader"], "warning", "systemctl did not answer")
     monkeypatch.setattr(doctor_probes, "_SYSTEMD", tmp_path / "none")
-    findings = {found.check: found for found in Visit(("leader",), tmp_path, tmp_path / "none.toml").findings()}
+    findings = {found.check: found for found in Examination(("leader",), tmp_path, tmp_path / "none.toml").findings()}
     told(findings["units leader"], "skipped", "systemd does not run here")

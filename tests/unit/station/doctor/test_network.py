@@ -10,7 +10,7 @@ from common.messages import GatewayState
 from gateway.access import robot_access, rules_digest
 from station.doctor.findings import (
     Finding,
-    Seen,
+    ProbeResult,
 )
 from station.doctor.network import check_access, check_certificate, check_link
 from tests.rigs.doctor_rig import told
@@ -19,10 +19,14 @@ DAY_S = 86_400.0
 
 
 def test_certificates() -> None:
-    told(check_certificate("follower", Seen(200 * DAY_S)), "ok", "200.0 days")
-    told(check_certificate("follower", Seen(20 * DAY_S)), "warning", "deploy/pki.sh renew follower")
-    told(check_certificate("follower", Seen(0.5 * DAY_S)), "failed", "0.5 days")
-    told(check_certificate("follower", Seen(why="follower.key: others may read it")), "failed", "others may read")
+    told(check_certificate("follower", ProbeResult(200 * DAY_S)), "ok", "200.0 days")
+    told(check_certificate("follower", ProbeResult(20 * DAY_S)), "warning", "deploy/pki.sh renew follower")
+    told(check_certificate("follower", ProbeResult(0.5 * DAY_S)), "failed", "0.5 days")
+    told(
+        check_certificate("follower", ProbeResult(why="follower.key: others may read it")),
+        "failed",
+        "others may read",
+    )
 
 
 def test_access_rules(config: Config) -> None:
@@ -32,7 +36,7 @@ def test_access_rules(config: Config) -> None:
         return check_access("follower", rules, config.network.namespace, running)
 
     told(check(generated, None), "ok", "no gateway runs")
-    told(check(generated, GatewayState(True, 1e6, rules_digest(generated))), "ok", "as the gateway works")
+    told(check(generated, GatewayState(True, 1e6, rules_digest(generated))), "ok", "as the gateway applies them")
     other = robot_access(config.network.model_copy(update={"namespace": "elsewhere"}), "follower")
     told(check(generated, GatewayState(True, 1e6, rules_digest(other))), "failed", "restart davpc-follower-gateway")
     leaking = copy.deepcopy(generated)
@@ -46,5 +50,5 @@ def test_access_rules(config: Config) -> None:
 
 def test_link() -> None:
     told(check_link("follower", GatewayState(True, 1e6, "")), "ok")
-    told(check_link("follower", GatewayState(False, 1e6, "")), "warning", "not heard")
+    told(check_link("follower", GatewayState(False, 1e6, "")), "warning", "nothing of the other")
     told(check_link("follower", None), "skipped")

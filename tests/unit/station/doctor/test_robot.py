@@ -6,12 +6,12 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from common.config import Config, LimitsConfig
+from common.config import Config
 from common.messages import Drives, Health, LeaderState
 from station.calibrate.lens_file import StoredCalibration
 from station.doctor.findings import (
     Finding,
-    Seen,
+    ProbeResult,
 )
 from station.doctor.robot import (
     check_battery,
@@ -23,7 +23,6 @@ from station.doctor.robot import (
     check_drives,
     check_leader,
     check_leds_seen,
-    check_limits,
     check_processes,
     check_taught,
 )
@@ -31,14 +30,6 @@ from tests.rigs.doctor_rig import told
 
 TODAY = date(2026, 5, 1)
 FILE = Path("calibration.toml")
-
-
-def test_configuration_and_limits(config: Config) -> None:
-    told(check_configuration(FILE, Seen(config)), "ok", "calibration.toml")
-    told(check_configuration(FILE, Seen(why="robots.toml: camera.rate_hz: too much")), "failed", "camera.rate_hz")
-    told(check_limits(config.limits), "ok", "v 0.5 of 0.6 m/s")
-    beyond = LimitsConfig.model_construct(**{**config.limits.model_dump(), "v_max_m_s": 0.7})
-    told(check_limits(beyond), "failed", "v 0.7 > 0.6 m/s")
 
 
 def changed(section: Any, **values: Any) -> Any:
@@ -70,7 +61,7 @@ def test_calibration(config: Config) -> None:
     )
 
     def check(calibration: StoredCalibration, camera_id: str = "v4l2:042", today: date = TODAY) -> Finding:
-        return check_calibration(Seen(calibration), camera, camera_id, today, FILE)
+        return check_calibration(ProbeResult(calibration), camera, camera_id, today, FILE)
 
     told(check(good), "ok", "30 days old")
     told(check(good, camera_id=""), "ok")
@@ -79,9 +70,9 @@ def test_calibration(config: Config) -> None:
     told(check(changed(good, width_px=640)), "failed", "instead of 640")
     told(check(changed(good, lens=changed(camera.lens, fx_px=400.0))), "failed", "camera.lens.fx_px")
     told(check(changed(good, date="yesterday")), "failed", "date")
-    told(check_calibration(Seen(why="no such file"), camera, "", TODAY, FILE), "failed", "no such file")
-    told(check_calibration(Seen(), changed(camera, calibration=""), "", TODAY, FILE), "failed", "names none")
-    told(check_calibration(Seen(), config.camera, "", TODAY, FILE), "skipped", "driver sim")
+    told(check_calibration(ProbeResult(why="no such file"), camera, "", TODAY, FILE), "failed", "no such file")
+    told(check_calibration(ProbeResult(), changed(camera, calibration=""), "", TODAY, FILE), "failed", "names none")
+    told(check_calibration(ProbeResult(), config.camera, "", TODAY, FILE), "skipped", "driver sim")
 
 
 def test_camera(config: Config) -> None:
@@ -91,16 +82,16 @@ def test_camera(config: Config) -> None:
     told(check_camera_rate(at_60_hz, 0, 90.0, "here"), "failed", "60.0 Hz of 90")
     told(check_camera_rate([], 0, 60.0, "here"), "failed", "0 frames")
     usb = changed(config.camera, driver="v4l2")
-    told(check_camera_link(Seen(5000.0), usb), "ok", "images need 629")
-    told(check_camera_link(Seen(480.0), usb), "failed", "USB 3")
-    told(check_camera_link(Seen(why="no camera is on USB here"), usb), "skipped", "no camera")
-    told(check_camera_link(Seen(5000.0), config.camera), "skipped", "driver sim")
+    told(check_camera_link(ProbeResult(5000.0), usb), "ok", "images need 629")
+    told(check_camera_link(ProbeResult(480.0), usb), "failed", "USB 3")
+    told(check_camera_link(ProbeResult(why="no camera is on USB here"), usb), "skipped", "no camera")
+    told(check_camera_link(ProbeResult(5000.0), config.camera), "skipped", "driver sim")
 
 
 def test_taught_images_and_leds() -> None:
-    told(check_taught(Seen([1, 2])), "ok", "1, 2")
-    told(check_taught(Seen(list[int]())), "ok", "geometry")
-    told(check_taught(Seen(why="taught with another lens")), "failed", "another lens", "davpc teach 1")
+    told(check_taught(ProbeResult([1, 2])), "ok", "1, 2")
+    told(check_taught(ProbeResult(list[int]())), "ok", "geometry")
+    told(check_taught(ProbeResult(why="taught with another lens")), "failed", "another lens", "davpc teach 1")
     told(check_leds_seen(4, 4, ""), "ok", "4 of 4")
     told(check_leds_seen(1, 4, "(few_leds)"), "warning", "1 of 4 (few_leds)")
 
@@ -159,4 +150,13 @@ def test_leader() -> None:
     told(check(ready=False, cause="I/O module silent"), "failed", "I/O module silent")
     told(check(led_derated=True), "warning", "derated")
     told(check(queue=None), "warning", "davpc lock count")
-    told(check_leader(None, 0.15), "failed", "not heard")
+    told(check_leader(None, 0.15), "failed", "nothing of it")
+
+
+def test_configuration(config: Config) -> None:
+    told(check_configuration(FILE, ProbeResult(config)), "ok", "calibration.toml")
+    told(
+        check_configuration(FILE, ProbeResult(why="robots.toml: camera.rate_hz: too much")),
+        "failed",
+        "camera.rate_hz",
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from common.timing import NS_PER_MS, NS_PER_S
-from station.operate.manual import Felt, Fingers, Keys
+from station.operate.manual import Fingers, Keys, ManualFeedback
 from tests.rigs.supervisor_rig import ARMS
 from tests.rigs.supervisor_rig import DRIVES as DISARMED
 
@@ -24,9 +24,9 @@ def test_held_arrow_keys_move_and_let_go_they_stop() -> None:
 
 
 def test_fingers_are_done_when_open_or_when_they_stand() -> None:
-    def felt(now_s: float, angle: float, gripped: bool = False, released: bool = False) -> Felt:
+    def felt(now_s: float, angle: float, gripped: bool = False, released: bool = False) -> ManualFeedback:
         state = replace(ARMS, gripped=gripped, released=released)
-        return Felt(round(now_s * NS_PER_S), None, replace(DISARMED, grip_angle_rad=(angle, angle)), state)
+        return ManualFeedback(round(now_s * NS_PER_S), None, replace(DISARMED, grip_angle_rad=(angle, angle)), state)
 
     opening = Fingers("open")
     assert opening.step(felt(0.0, 0.2)) == (0.0, 0.0)

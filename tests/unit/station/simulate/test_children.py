@@ -1,16 +1,13 @@
-"""What a station takes for the end of a process that somebody else started."""
+"""When a process that another launcher started counts as gone."""
 
 from __future__ import annotations
 
-from typing import cast
-
-from common.bus import Bus
-from common.timing import NS_PER_S, MonotonicClock, SteppedClock
+from common.timing import NS_PER_S, SteppedClock
 from station.simulate.children import Absence
 
 
 class PlayedBus:
-    """Says who is alive."""
+    """Reports which processes are alive."""
 
     def __init__(self) -> None:
         self.names: set[str] = set()
@@ -23,7 +20,7 @@ class PlayedBus:
 
 def test_only_a_near_process_that_was_seen_before_counts_as_gone() -> None:
     bus, clock = PlayedBus(), SteppedClock()
-    absence = Absence(cast(Bus, bus), {"follower-camera", "world"}, cast(MonotonicClock, clock))
+    absence = Absence(bus.alive, {"follower-camera", "world"}, clock)
 
     def after_a_second() -> str:
         clock.advance_to(clock.now_ns() + NS_PER_S)
@@ -45,7 +42,7 @@ def test_only_a_near_process_that_was_seen_before_counts_as_gone() -> None:
 
 def test_the_bus_is_asked_once_a_second() -> None:
     bus, clock = PlayedBus(), SteppedClock()
-    absence = Absence(cast(Bus, bus), {"world"}, cast(MonotonicClock, clock))
+    absence = Absence(bus.alive, {"world"}, clock)
     for _ in range(50):
         absence()
         clock.advance_to(clock.now_ns() + NS_PER_S // 10)

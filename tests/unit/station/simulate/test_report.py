@@ -35,7 +35,7 @@ def collection(end_mb: float) -> dict[str, Any]:
         (96.0, "memory is not flat: more than 5 MB in follower-camera"),
     ],
 )
-def test_a_queue_is_a_row_a_trolley_and_says_whether_memory_is_flat(tmp_path: Path, end_mb: float, said: str) -> None:
+def test_a_queue_is_a_row_a_trolley_and_shows_flat_memory(tmp_path: Path, end_mb: float, said: str) -> None:
     path = tmp_path / "said.txt"
     with path.open("w") as file:
         print_results(collection(end_mb), Console(file=file, width=200))
