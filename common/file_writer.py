@@ -15,7 +15,7 @@ class BackgroundWriter:
     """Writes files in the order in which they were handed over; the oldest waiting one is dropped when many wait.
 
     A full disk or a missing folder stops nothing: ``fault`` says what went wrong last, and is empty again after the
-    next write that succeeded. ``dropped`` counts what was never written.
+    next write that succeeded.
     """
 
     def __init__(self, limit: int = 64) -> None:
@@ -23,10 +23,8 @@ class BackgroundWriter:
         self._limit = limit
         self._change = threading.Condition()
         self._closing = False
-        self._busy = False
         self._thread: threading.Thread | None = None
         self.fault = ""
-        self.dropped = 0
 
     def append_line(self, path: Path, line: str) -> None:
         """Append one line to a file; its folder is made. A file of 8 MB becomes ``….old``, and a new one begins."""
@@ -44,16 +42,10 @@ class BackgroundWriter:
         if self._thread is not None:
             self._thread.join(timeout_s)
 
-    def wait_idle(self, timeout_s: float) -> bool:
-        """Whether everything was written, or dropped, within the time."""
-        with self._change:
-            return self._change.wait_for(lambda: not self._waiting and not self._busy, timeout_s)
-
     def _submit(self, work: Callable[[], None]) -> None:
         with self._change:
             if len(self._waiting) >= self._limit:
                 self._waiting.popleft()
-                self.dropped += 1
             self._waiting.append(work)
             if self._thread is None:
                 self._thread = threading.Thread(target=self._run, name="background-writer", daemon=True)
@@ -63,19 +55,15 @@ class BackgroundWriter:
     def _run(self) -> None:
         while True:
             with self._change:
-                self._busy = False
-                self._change.notify_all()
                 self._change.wait_for(lambda: self._waiting or self._closing)
                 if not self._waiting:
                     return
                 work = self._waiting.popleft()
-                self._busy = True
             try:
                 work()
                 self.fault = ""
             except OSError as error:
                 self.fault = f"{error.filename or 'state'}: {error.strerror}"
-                self.dropped += 1
 
 
 def replace_file(path: Path, content: str) -> None:

@@ -127,7 +127,7 @@ class Drives:
     are never enabled: ``state`` and what is set are as if they were, what is measured is measured.
     """
 
-    SCHEMA: ClassVar[str] = "drives/2"
+    SCHEMA: ClassVar[str] = "drives/3"
     state: Literal["starting", "disarmed", "enabling", "armed", "stopped", "fault"]
     cause: Text
     epoch: Count
@@ -145,7 +145,6 @@ class Drives:
     w_set_rad_s: Speed
     command_sequence: Count
     image_to_can_ns: Count
-    gate_rule: Text
     gate_interventions: Count
     shadow: bool = False
     gate_intervened: Text = ""
