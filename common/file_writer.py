@@ -1,12 +1,15 @@
-"""Slow work beside a loop that must not wait: a thread writes files, and drops what it cannot keep up with."""
+"""Files: written beside a loop that must not wait, replaced as a whole, as strict JSON; and where state is kept."""
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 _ROTATE_BYTES = 8_000_000
 
@@ -95,3 +98,20 @@ def state_directory(configured: str, runtime: Path) -> Path:
         return Path(configured)
     given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
     return Path(given) if given else runtime
+
+
+def write_json(path: Path, content: dict[str, Any]) -> dict[str, Any]:
+    """Write ``content`` as strict JSON, with null for NaN and infinity; returns what a reader of the file gets."""
+    text = json.dumps(_json_ready(content), indent=1, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+    written: dict[str, Any] = json.loads(text)
+    return written
+
+
+def _json_ready(content: Any) -> Any:
+    # one run that never ended must not make the results of the others unreadable
+    if isinstance(content, Mapping):
+        return {key: _json_ready(value) for key, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [_json_ready(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
