@@ -21,7 +21,7 @@ from common.channels import Channel, health_channel
 from common.config import load_config
 from common.errors import ConfigError, DeviceError
 from common.memory import lock_memory
-from common.messages import Answer, Health, Message, MessageError, decode
+from common.messages import Answer, Health, Message, MessageError
 from common.node import Inbox, Node, NodeContext, Outbox, RequestDesk
 from common.processes import PROCESSES, Process, process
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, Schedule
@@ -150,17 +150,16 @@ class ProcessExecutor:
     def _server(self, channel: Channel[Any]) -> Any:
         def receive(payload: bytes, reply: Any) -> None:
             try:
-                _, message = decode(channel.message, payload)
+                request = self._inbox.decode(channel, payload, self._clock.now_ns())
             except MessageError as error:
-                self._inbox.malformed += 1
-                self._inbox.faults.append(str(error))
                 refusal = Answer("", "refused", f"not a request: {error}"[:400])
                 reply(self._outbox.pack(channel, refusal, self._clock.now_ns()))
                 return
+            request_id = request.message.id
             with self._desk_lock:
-                new = self._desk.admit(message.id, reply)
-            if new and not self._inbox.put_queued(channel, payload, self._clock.now_ns()):
-                self._publish([(channel, Answer(message.id, "refused", "too many requests wait"))])
+                new = self._desk.admit(request_id, reply)
+            if new and not self._inbox.put_queued(channel, request):
+                self._publish([(channel, Answer(request_id, "refused", "too many requests wait"))])
             self._wake.set()
 
         return receive
@@ -218,7 +217,7 @@ class ProcessExecutor:
             self._log.exception("request on %s", channel.key)
             return
         if reply is not None:
-            self._inbox.put_queued(channel, reply, self._clock.now_ns())
+            self._inbox.put_answer(channel, reply, self._clock.now_ns())
             self._wake.set()
 
     def _report(self, missed: int) -> None:

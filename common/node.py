@@ -16,6 +16,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections import OrderedDict, deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
@@ -67,10 +68,10 @@ class Received(Generic[M]):
 
 
 class Inbox:
-    """Raw payloads on their way into a node: the newest of each state channel, all requests and answers.
+    """Messages on their way into a node: the newest of each state channel, all requests and answers.
 
-    Decoding happens in the step, once per message that is looked at. What cannot be decoded is counted,
-    and named once per reason in ``faults`` for the executor to log.
+    A state is decoded in the step, and only if the node looks at it; a request or an answer when it arrives. What
+    cannot be decoded is counted in ``malformed`` and named in ``faults``, for the executor to log.
     """
 
     def __init__(self, boot_id: str, decoder: Decoder = decode) -> None:
@@ -83,7 +84,7 @@ class Inbox:
         self._arriving: set[str] = set()
         self._spoilt: set[str] = set()
         self._lock = threading.Lock()
-        self._queues: dict[str, deque[tuple[bytes, int]]] = {}
+        self._queues: dict[str, deque[Received[Any]]] = {}
         self.malformed = 0
         self.faults: deque[str] = deque(maxlen=16)
 
@@ -93,14 +94,27 @@ class Inbox:
             self._incoming[channel.key] = (payload, receipt_ns)
             self._arriving.add(channel.key)
 
-    def put_queued(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> bool:
+    def put_queued(self, channel: Channel[Any], received: Received[Any]) -> bool:
         """Append a request or an answer; false, and nothing is kept, if too many wait already."""
         with self._lock:
             queue = self._queues.setdefault(channel.key, deque())
             if len(queue) >= REQUEST_BACKLOG:
                 return False
-            queue.append((payload, receipt_ns))
+            queue.append(received)
         return True
+
+    def put_answer(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> None:
+        """Append the answer to one of this node's own requests on the channel; a malformed one is dropped."""
+        with suppress(MessageError):
+            self.put_queued(channel, self._decode(Answer, channel, payload, receipt_ns))
+
+    def decode(self, channel: Channel[M], payload: bytes, receipt_ns: int) -> Received[M]:
+        """The message of a payload, for the executor that takes a request in.
+
+        Raises:
+            MessageError: malformed, or stamped in another boot; counted.
+        """
+        return self._decode(channel.message, channel, payload, receipt_ns)
 
     def newest(self, channel: Channel[M]) -> Received[M] | None:
         """The newest valid message ever received; its age is the caller's to judge."""
@@ -111,12 +125,14 @@ class Inbox:
         known = self._decoded.get(channel.key)
         if known is not None and known[0] is payload:
             return cast("Received[M] | None", known[1])
-        received = self._decode(channel.message, channel, payload, receipt_ns)
-        if received is None:
+        received: Received[M] | None
+        try:
+            received = self.decode(channel, payload, receipt_ns)
+        except MessageError:
             self._spoilt.add(channel.key)
             received = known[1] if known is not None else None
         self._decoded[channel.key] = (payload, received)
-        return cast("Received[M] | None", received)
+        return received
 
     def fresh(self, channel: Channel[M], now_ns: int) -> M | None:
         """The newest message if it is younger than the channel's maximum age.
@@ -138,29 +154,27 @@ class Inbox:
 
     def requests(self, channel: Channel[M]) -> list[Received[M]]:
         """Requests that came since the last step, oldest first."""
-        found = [self._decode(channel.message, channel, *item) for item in self._take(channel.key)]
-        return [cast("Received[M]", received) for received in found if received is not None]
+        return self._take(channel.key)
 
     def answers(self, channel: Channel[Any]) -> list[Answer]:
         """Answers to this node's own requests that came since the last step."""
-        found = [self._decode(Answer, channel, *item) for item in self._take(channel.key)]
-        return [received.message for received in found if received is not None]
+        return [received.message for received in self._take(channel.key)]
 
     def begin_step(self) -> None:
-        """What came until now is what this step sees; executors call it before each step."""
+        """Fix what this step sees: the states received until now. Executors call it before each step."""
         with self._lock:
             self._newest.update(self._incoming)
             self._incoming.clear()
             self._arrived, self._arriving = self._arriving, set()
         self._spoilt.clear()
 
-    def _take(self, key: str) -> list[tuple[bytes, int]]:
+    def _take(self, key: str) -> list[Received[Any]]:
         with self._lock:
             return list(self._queues.pop(key, ()))
 
     def _decode(
         self, message_type: type[Any], channel: Channel[Any], payload: bytes, receipt_ns: int
-    ) -> Received[Any] | None:
+    ) -> Received[Any]:
         try:
             header, message = self._decoder(message_type, payload)
             if channel.reach == "robot" and header.boot_id != self._boot_id:
@@ -168,7 +182,7 @@ class Inbox:
         except MessageError as error:
             self.malformed += 1
             self.faults.append(str(error))
-            return None
+            raise
         return Received(message, header, receipt_ns)
 
 

@@ -184,10 +184,11 @@ class SteppedExecutor:
                     self._at(arrives_ns, partial(self._answered, asker, channel, answer))
 
                 if server.desk.admit(message.id, reply):
-                    if not server.inbox.put_queued(channel, payload, self._clock.now_ns()):
+                    request = server.inbox.decode(channel, payload, self._clock.now_ns())
+                    if not server.inbox.put_queued(channel, request):
                         raise RuntimeError(f"{channel.key}: too many requests wait")
                     self._wake(server)
 
     def _answered(self, asker: _Running, channel: Channel[Any], answer: bytes) -> None:
-        asker.inbox.put_queued(channel, answer, self._clock.now_ns())
+        asker.inbox.put_answer(channel, answer, self._clock.now_ns())
         self._wake(asker)

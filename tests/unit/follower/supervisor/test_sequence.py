@@ -38,7 +38,7 @@ def docking_state(config: Config, pose: Pose2, valid: bool = True) -> DockingSta
 
 DRIVES = Drives(
     "disarmed", "", 0, 0, (0.0, 0.0), (0.0, 0.0), (0.0,) * 6, (0.0,) * 6, (0.0, 0.0), (0.0, 0.0), 0.2,
-    True, 25.0, 0.0, 0.0, 0, 0, "", 0,
+    True, 25.0, 0.0, 0.0, 0, 0, 0,
 )  # fmt: skip
 ARMS = ArmState(5.0, False, False, True, False)
 LEADER = LeaderState(True, "", (1.0,) * 4, False, "down", "open", 0.0, 0)
@@ -326,7 +326,7 @@ def test_with_an_undervoltage_the_process_refuses_to_begin(tmp_path: Path) -> No
     request = DockRequest("start-1", 2 * NS_PER_S, "start")
     empty = replace(DRIVES, battery_v=21.9, measured_ns=NS_PER_S)
     inbox.put_state(DRIVES_CHANNEL, sender.pack(DRIVES_CHANNEL, empty, NS_PER_S), NS_PER_S)
-    inbox.put_queued(DOCK_REQUEST, sender.pack(DOCK_REQUEST, request, NS_PER_S), NS_PER_S)
+    inbox.put_queued(DOCK_REQUEST, inbox.decode(DOCK_REQUEST, sender.pack(DOCK_REQUEST, request, NS_PER_S), NS_PER_S))
     inbox.begin_step()
     outputs = node.step(NS_PER_S, inbox)
     node.stop(NS_PER_S)
