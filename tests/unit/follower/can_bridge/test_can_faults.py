@@ -13,8 +13,8 @@ from common.messages import Command, seal_command
 from common.timing import NS_PER_MS
 from follower.can_bridge.gate import ArmToken, Decision, Gate, StampedCommand, StopInputs, WheelStatus
 from follower.can_bridge.measurement import DriveSetpoint, Measurement
-from sim.can.drive_402 import PowerState
 from sim.can.faults import EncoderFault
+from sim.can.power_states import PowerState
 from tests.rigs.canbus_rig import Rig, Tap, follower_rig, is_stop, rim_speed
 
 
