@@ -1,8 +1,9 @@
 """A simulated CiA 402 drive: state machine, profile velocity, torque and position, ramps, encoder, watchdog reaction.
 
-It tells a plant what the motor is told and takes what the plant measured, both at the output shaft. Not modelled:
-current control, commutation, temperature; the torque limit is left to the plant. With homing configured
-the encoder is incremental: it counts from where the drive was switched on (:mod:`sim.can.drive_homing`).
+It gives the plant the motor's set-points and takes the plant's measurements, both at the output shaft; the state
+machine is in :mod:`sim.can.power_states`. With homing configured the encoder is incremental: it counts from where
+the drive was switched on (:mod:`sim.can.drive_homing`). Not modelled: current control, commutation, temperature; the
+plant applies the torque limit.
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ _EFFORTS: dict[int, Effort] = {1: "position", 3: "velocity", 4: "torque"}
 class Drive402(PowerDrive):
     """One drive. ``units_per_turn`` of the output shaft: 2π rad, or metres for a lead screw.
 
-    Where names say rad, a drive with another unit per turn means its own unit.
+    Names that end in rad stand for the drive's own unit where that is another.
     """
 
     def __init__(self, config: DriveConfig, eds: Path, units_per_turn: float = 2 * math.pi) -> None:
         super().__init__(config.node_id, eds, config.serial)
         self._counts_per_unit = config.counts_per_turn * config.gear_ratio * config.sign / units_per_turn
-        # raw counts are the shaft's place plus this; unknown until an incremental encoder is switched on
+        # encoder counts minus the shaft's; unknown until an incremental encoder is switched on
         self._offset: int | None = None if config.homing else config.zero_counts
         switch = config.homing.position * self._counts_per_unit if config.homing else 0.0
         self._homing = HomingRun(switch)
@@ -70,7 +71,7 @@ class Drive402(PowerDrive):
 
     @property
     def velocity_setpoint_rad_s(self) -> float:
-        """Speed that the drive wants of the output shaft, after its ramp."""
+        """Speed set-point of the output shaft, after its ramp."""
         return self._velocity / self._counts_per_unit
 
     @property
@@ -85,13 +86,13 @@ class Drive402(PowerDrive):
 
     @property
     def position_setpoint(self) -> float:
-        """Position of the output shaft: on its way to the target, or held where it was stopped."""
+        """Position set-point of the output shaft: on its profile, or held where it was stopped."""
         mode = self.values[0x6061, 0]
         held = self.state is not PowerState.OPERATION_ENABLED or mode not in _POSITION_MODES
         return self._hold if held else self._position / self._counts_per_unit
 
     def set_measured(self, position_rad: float, velocity_rad_s: float, torque_n_m: float) -> None:
-        """What the plant's output shaft does; the encoder quantises it."""
+        """Take the motion of the plant's output shaft; the encoder quantises it."""
         self._measured = (position_rad, velocity_rad_s, torque_n_m)
 
     # -- the device's side
@@ -212,7 +213,7 @@ class Drive402(PowerDrive):
         self._set_home()
 
     def _set_home(self) -> None:
-        """Home found: the counter is zero where the shaft is."""
+        """Once home is found: zero the counter where the shaft is."""
         if self._homing.phase == "done":
             self._offset = -round(self._measured[0] * self._counts_per_unit)
 

@@ -1,4 +1,4 @@
-"""Where a ray meets the simulated sensor: the forward distortion of each lens model, written out for a few points."""
+"""The simulated lens: forward distortion of each lens model, written out for a few points."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ from common.geometry import Array
 
 
 def image_of_rays(rays_c: Array, camera: CameraConfig) -> Array:
-    """Pixels (n, 2) of rays (n, 3) in {C} with z > 0, through the camera's lens."""
+    """Project rays through the camera's lens.
+
+    Args:
+        rays_c: (n, 3) directions in {C}, z > 0.
+        camera: with its lens model.
+
+    Returns:
+        (n, 2) pixels.
+    """
     lens = camera.lens
     ideal = rays_c[:, :2] / rays_c[:, 2:]
     if lens.model == "rational":
