@@ -95,7 +95,7 @@ class ArmState:
     """What the arms detect from the joint torques, and the state of the grippers."""
 
     SCHEMA: ClassVar[str] = "arm_state/2"
-    handle_force_n: Annotated[float, Field(ge=-5000, le=5000)]  # force of the trolley against the push
+    handle_force_n: Annotated[float, Field(ge=-5000, le=5000)]  # push on the handle, along x of {F}
     contact: bool  # the trolley touches guide or queue
     connected: bool  # the connection is rigid
     gripped: bool  # both grippers hold the handle

@@ -60,7 +60,7 @@ reload_devices() {
   fi
   [ "$variant" = hardware ] || return 0
   if ! systemctl -q is-enabled systemd-networkd 2>/dev/null; then
-    # it is to bring up can0; whether the network is online is somebody else's business, as before
+    # it is to bring up can0; whether the network is online is not its concern
     run systemctl enable --now systemd-networkd
     run systemctl disable systemd-networkd-wait-online
   fi
