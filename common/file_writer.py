@@ -15,10 +15,9 @@ _ROTATE_BYTES = 8_000_000
 
 
 class BackgroundWriter:
-    """Writes files in the order in which they were handed over; the oldest waiting one is dropped when many wait.
+    """Writes files in order, from a thread; when too many writes wait, the oldest is dropped.
 
-    A full disk or a missing folder stops nothing: ``fault`` says what went wrong last, and is empty again after the
-    next write that succeeded.
+    A full disk or a missing folder stops nothing: ``fault`` names the last failure, until the next write succeeds.
     """
 
     def __init__(self, limit: int = 64) -> None:
@@ -30,15 +29,15 @@ class BackgroundWriter:
         self.fault = ""
 
     def append_line(self, path: Path, line: str) -> None:
-        """Append one line to a file; its folder is made. A file of 8 MB becomes ``….old``, and a new one begins."""
+        """Append one line to a file, in a folder made as needed. A file of 8 MB is renamed to ``….old`` first."""
         self._submit(lambda: _append(path, line))
 
     def replace(self, path: Path, content: str) -> None:
-        """Replace a file as a whole: after a power cut there is the old content or the new."""
+        """Replace a file as a whole: a power cut leaves the old content or the new."""
         self._submit(lambda: replace_file(path, content))
 
     def close(self, timeout_s: float = 2.0) -> None:
-        """Write what waits, as far as that succeeds in time."""
+        """Finish the waiting writes, for at most ``timeout_s``."""
         with self._change:
             self._closing = True
             self._change.notify_all()
@@ -70,10 +69,10 @@ class BackgroundWriter:
 
 
 def replace_file(path: Path, content: str) -> None:
-    """Write beside the file, flush to the disk, rename over it.
+    """Write a new file beside it, flush it to disk, rename it over the old one.
 
     Raises:
-        OSError: as the system says.
+        OSError: it cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f".{path.name}.new")
@@ -93,7 +92,7 @@ def _append(path: Path, line: str) -> None:
 
 
 def state_directory(configured: str, runtime: Path) -> Path:
-    """Where a process keeps what outlives it: as configured, else systemd's STATE_DIRECTORY, else ``runtime``."""
+    """Directory for persistent state: as configured, else systemd's STATE_DIRECTORY, else ``runtime``."""
     if configured:
         return Path(configured)
     given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]

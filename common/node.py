@@ -1,13 +1,13 @@
-"""What a node is, and what it may rely on from the executor that runs it.
+"""What a node is, and what the executor that runs it guarantees.
 
 A node declares its channels and has ``step(now_ns, inputs) → outputs``. Two executors run the same nodes:
 :mod:`common.executor` as a process over Zenoh, :mod:`sim.stepped` many in one process in stepped time.
-Both promise:
+Both guarantee:
 
 * ``start`` runs once before the first step and ``stop`` once after the last, also after a failure;
 * ``step`` runs at each absolute ``period_ns`` and on each arrival on a channel in ``wakes``, never twice at once;
-* of a state channel only the newest message is kept; requests and answers are kept all, in order;
-* everything passes through the wire's encoding, so a node never sees another node's objects.
+* of a state channel only the newest message is kept; requests and answers are all kept, in order;
+* every message passes through the wire's encoding, so that nodes share no objects.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ REQUEST_BACKLOG = 64
 
 @dataclass(frozen=True)
 class NodeContext:
-    """What a node is made from: the configuration, and what only this run knows.
+    """What a node is made from: the configuration and the facts of this run.
 
     ``clock`` is for nodes whose device or deadline needs the time within a step; algorithms get ``now_ns``.
     """
@@ -48,9 +48,9 @@ class NodeContext:
 
 @dataclass(frozen=True)
 class Trigger:
-    """When a node steps: every ``period_ns`` (0: never by time), whenever a channel of ``wakes`` brings news.
+    """When a node steps: every ``period_ns`` (0: never by time), and on each message of a channel in ``wakes``.
 
-    ``free``: again and again without a pause, for a node whose step waits for its device.
+    ``free``: continuously, for a node whose step waits for its device.
     """
 
     period_ns: int = 0
@@ -89,7 +89,7 @@ class Inbox:
         self.faults: deque[str] = deque(maxlen=16)
 
     def put_state(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> None:
-        """Replace the newest payload; it is decoded only when the node looks."""
+        """Replace the newest payload of a state channel."""
         with self._lock:
             self._incoming[channel.key] = (payload, receipt_ns)
             self._arriving.add(channel.key)
@@ -117,7 +117,7 @@ class Inbox:
         return self._decode(channel.message, channel, payload, receipt_ns)
 
     def newest(self, channel: Channel[M]) -> Received[M] | None:
-        """The newest valid message ever received; its age is the caller's to judge."""
+        """The newest valid message ever received, of any age."""
         stored = self._newest.get(channel.key)
         if stored is None:
             return None
@@ -146,7 +146,7 @@ class Inbox:
         return received.message if now_ns - since_ns <= channel.max_age_ns else None
 
     def arrived(self, channel: Channel[M]) -> M | None:
-        """The newest message if it came since the last step and could be decoded."""
+        """The newest message, if it came since the last step and could be decoded."""
         if channel.key not in self._arrived:
             return None
         received = self.newest(channel)
@@ -187,9 +187,9 @@ class Inbox:
 
 
 class Node(ABC):
-    """One process's work. ``name`` is its name in the process table.
+    """The work of one process. ``name`` is its name in the process table.
 
-    ``bus_settings`` is None for all but the gateways, whose session is a router's.
+    ``bus_settings`` is None except for the gateways, whose session is a router's.
     """
 
     name: str
@@ -199,7 +199,7 @@ class Node(ABC):
     outputs: tuple[Channel[Any], ...] = ()
     serves: tuple[Channel[Any], ...] = ()
 
-    def start(self, now_ns: int) -> None:  # noqa: B027 - nothing to open is a valid start
+    def start(self, now_ns: int) -> None:  # noqa: B027 - a node may have nothing to open
         """Open devices.
 
         Raises:
@@ -211,7 +211,7 @@ class Node(ABC):
         """Do one step and return what to publish, requests and answers included."""
 
     def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002 - overridden where time matters
-        """Bring devices to a safe end; also called after a failed step."""
+        """Bring devices into a safe state; also called after a failed step."""
         return ()
 
 
@@ -230,14 +230,14 @@ class Outbox:
 
 
 class RequestDesk:
-    """Makes requests idempotent: one id is handed to the node once, and answered the same ever after."""
+    """Makes requests idempotent: each id reaches the node once and always gets the same answer."""
 
     def __init__(self) -> None:
         self._answers: OrderedDict[str, bytes] = OrderedDict()
         self._waiting: dict[str, Callable[[bytes], None]] = {}
 
     def admit(self, request_id: str, reply: Callable[[bytes], None]) -> bool:
-        """True if the node has yet to see this request; a known one is answered, or waits on, here."""
+        """Whether the request is new to the node; a known one is answered here, now or once the answer is there."""
         known = self._answers.get(request_id)
         if known is not None:
             reply(known)
@@ -247,7 +247,7 @@ class RequestDesk:
         return first
 
     def settle(self, answer: Answer, payload: bytes) -> None:
-        """Hand the node's answer to whoever waits for it, and keep it for those who ask again."""
+        """Send the node's answer to the waiting caller, and keep it for repeated requests."""
         self._answers[answer.id] = payload
         while len(self._answers) > REQUEST_BACKLOG:
             self._answers.popitem(last=False)

@@ -117,7 +117,7 @@ class Gateways:
         """Both gateways, once each hears the other."""
         for robot in OTHER:
             self.start(robot)
-        until(lambda: all("is heard" in self.log(robot) for robot in OTHER) or self.dead(), READY_S)
+        until(lambda: all("is reachable" in self.log(robot) for robot in OTHER) or self.dead(), READY_S)
         assert not self.dead(), [self.log(robot) for robot in OTHER]
         return self
 

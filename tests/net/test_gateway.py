@@ -102,7 +102,7 @@ def test_big_messages_and_floods_are_dropped_and_the_link_stays(gateways: Gatewa
     )
     assert max(map(len, heard.of(LEADER_STATE))) < 200_000
     assert heard.of(LEADER_STATE).count(b"flood") < flood / 20
-    assert gateways.log("follower").count("is heard") == 1
+    assert gateways.log("follower").count("is reachable") == 1
 
 
 def test_a_killed_gateway_leaves_the_robot_at_work_and_links_again(gateways: Gateways, players: Players) -> None:
@@ -116,7 +116,7 @@ def test_a_killed_gateway_leaves_the_robot_at_work_and_links_again(gateways: Gat
         controller.publish(COMMAND, b"%d" % number)
     until(lambda: b"199" in heard.of(COMMAND), READY_S)
     assert heard.of(COMMAND)[-200:] == [b"%d" % number for number in range(200)]
-    until(lambda: "follower-gateway is not heard" in gateways.log("leader").split("is heard")[-1], READY_S)
+    until(lambda: "follower-gateway is not reachable" in gateways.log("leader").split("is reachable")[-1], READY_S)
     gateways.start("follower")
     published_until_heard(
         lambda: players["leader"].publish(LEADER_STATE, b"again"), lambda: b"again" in heard.of(LEADER_STATE)
