@@ -11,12 +11,12 @@ import socket
 import sys
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from common.bus import Bus
+from common.bus import Bus, OnPayload, OnRequest
 from common.channels import Channel, health_channel
 from common.config import load_config
 from common.errors import ConfigError, DeviceError
@@ -151,7 +151,7 @@ class ProcessExecutor:
         for channel in self._node.serves:
             self._bus.serve(channel, self._server(channel))
 
-    def _receiver(self, channel: Channel[Any], wakes: bool) -> Any:
+    def _receiver(self, channel: Channel[Any], wakes: bool) -> OnPayload:
         def receive(payload: bytes) -> None:
             self._inbox.put_state(channel, payload, self._clock.now_ns())
             if wakes:
@@ -159,8 +159,8 @@ class ProcessExecutor:
 
         return receive
 
-    def _server(self, channel: Channel[Any]) -> Any:
-        def receive(payload: bytes, reply: Any) -> None:
+    def _server(self, channel: Channel[Any]) -> OnRequest:
+        def receive(payload: bytes, reply: Callable[[bytes], None]) -> None:
             try:
                 request = self._inbox.decode(channel, payload, self._clock.now_ns())
             except MessageError as error:
@@ -238,7 +238,14 @@ class ProcessExecutor:
         while self._inbox.faults:
             self._log.warning("dropped a message: %s", self._inbox.faults.popleft())
         self._alive_file.touch()
-        health = Health(self._node.name, True, self._steps, missed, self._inbox.malformed, self._step_ms()[1])
+        health = Health(
+            process=self._node.name,
+            ready=True,
+            steps=self._steps,
+            missed_periods=missed,
+            malformed=self._inbox.malformed,
+            step_p99_ms=self._step_ms()[1],
+        )
         self._publish([(health_channel(self._node.name), health)])
 
     def _step_ms(self) -> tuple[float, float]:

@@ -28,7 +28,7 @@ _WARN_S = 30 * _DAY_S
 _log = logging.getLogger("gateway")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Router:
     """Parameters of one router.
 
@@ -103,13 +103,13 @@ def robot_router(network: NetworkConfig, robot: Robot, runtime: Path) -> Router:
     name, party = GATEWAYS[robot], network.of(robot)
     peers = [entry.name for entry in PROCESSES if entry.robot == robot and entry.name != name]
     return Router(
-        party.certificate,
-        credentials_folder(network.credentials),
-        (f"unixsock-stream/{runtime / name}.sock", *party.listen),
-        (*(f"unixsock-stream/{runtime / peer}.sock" for peer in peers), *party.connect),
-        robot_access(network, robot),
-        _rates_hz(network, [OTHER[robot]]),
-        network.max_message_bytes,
+        certificate=party.certificate,
+        folder=credentials_folder(network.credentials),
+        listen=(f"unixsock-stream/{runtime / name}.sock", *party.listen),
+        connect=(*(f"unixsock-stream/{runtime / peer}.sock" for peer in peers), *party.connect),
+        access=robot_access(network, robot),
+        rates_hz=_rates_hz(network, [OTHER[robot]]),
+        max_message_bytes=network.max_message_bytes,
     )
 
 
@@ -137,7 +137,15 @@ def site_router(pairs: Sequence[NetworkConfig], certificate: str, folder: Path, 
             raise ConfigError(f"network.site_router: pair {pair.namespace!r} names {pair.site_router!r} instead")
     rates = {key: rate for pair in pairs for key, rate in _rates_hz(pair, OTHER).items()}
     limit = max(pair.max_message_bytes for pair in pairs)
-    return Router(certificate, folder, tuple(listen), (), site_access(pairs), rates, limit)
+    return Router(
+        certificate=certificate,
+        folder=folder,
+        listen=tuple(listen),
+        connect=(),
+        access=site_access(pairs),
+        rates_hz=rates,
+        max_message_bytes=limit,
+    )
 
 
 class Gateway(Node):

@@ -48,16 +48,16 @@ class SimulatedFrameSource:
             return None
         leader_in_follower = Pose2(world.x_m, world.y_m, world.theta_rad).inverse()
         view = View(
-            world.sequence,
-            leader_in_follower,
-            world.led_current_a,
-            world.pitch_rad,
-            world.roll_rad,
-            world.v_m_s,
-            world.w_rad_s,
+            frame_sequence=world.sequence,
+            relative=leader_in_follower,
+            led_currents_a=world.led_current_a,
+            pitch_rad=world.pitch_rad,
+            roll_rad=world.roll_rad,
+            v_m_s=world.v_m_s,
+            w_rad_s=world.w_rad_s,
             # counted from the world's start: lamps and walkers repeat in every run
-            round(world.sequence * NS_PER_S / self._camera.rate_hz),
-            self._seen_past(world.occluders),
+            time_ns=round(world.sequence * NS_PER_S / self._camera.rate_hz),
+            scene=self._with_occluders(world.occluders),
         )
         self._optics.render(image, view)
         return Capture(world.time_ns, self._exposure_us, self._camera.gain, "simulated")
@@ -67,7 +67,7 @@ class SimulatedFrameSource:
         factor = self._named.exposure_factor * exposure_us / self._camera.exposure_us
         self._scene, self._exposure_us = replace(self._named, exposure_factor=factor), exposure_us
 
-    def _seen_past(self, occluders: tuple[tuple[float, float, float], ...]) -> Scene:
+    def _with_occluders(self, occluders: tuple[tuple[float, float, float], ...]) -> Scene:
         if not occluders:
             return self._scene
         standing = tuple(Walker((x, y), (0.0, 0.0), 0.0, radius) for x, y, radius in occluders)

@@ -43,7 +43,7 @@ def authority(folder: Path, *names: str) -> Path:
 
 
 def free_port() -> int:
-    """A UDP port that nobody has."""
+    """A free UDP port."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
         link.bind(("127.0.0.1", 0))
         return int(link.getsockname()[1])
@@ -114,7 +114,7 @@ class Gateways:
         return self._stack.enter_context(Bus(name, runtime, earlier, self.namespace))
 
     def linked(self) -> Gateways:
-        """Both gateways, once each hears the other."""
+        """Start both gateways; return once each reaches the other."""
         for robot in OTHER:
             self.start(robot)
         until(lambda: all("is reachable" in self.log(robot) for robot in OTHER) or self.dead(), READY_S)
@@ -135,8 +135,8 @@ class Gateways:
         shutil.rmtree(self.folder)
 
 
-class Heard:
-    """What came on some channels, each by its key."""
+class Recorder:
+    """Records the payloads of some channels, by key."""
 
     def __init__(self, bus: Bus, *channels: Channel[Any]) -> None:
         self.payloads: dict[str, list[bytes]] = {channel.key: [] for channel in channels}
@@ -148,12 +148,12 @@ class Heard:
         return self.payloads[channel.key]
 
 
-def published_until_heard(publish: Callable[[], None], heard: Callable[[], object]) -> None:
-    """Publish again and again until it is heard: sessions need a moment to find each other."""
+def published_until(publish: Callable[[], None], received: Callable[[], object]) -> None:
+    """Repeat a publication until it is received: sessions need a moment to find each other."""
 
     def attempt() -> bool:
         publish()
-        return bool(heard())
+        return bool(received())
 
     until(attempt, READY_S)
 

@@ -1,4 +1,4 @@
-"""What is written beside a loop: in order, whole, bounded, and never in the loop's way."""
+"""Files written beside a loop: in order, whole, bounded, without delaying the loop."""
 
 from __future__ import annotations
 

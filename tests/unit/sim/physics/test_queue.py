@@ -114,8 +114,8 @@ def test_casters_swing_round_and_push_until_they_have(world: WorldConfig) -> Non
         sideways.append(abs(trolley.velocity[1]))
     assert max(sideways) > 0.005
     v_x, v_y, _ = trolley.velocity
-    way = math.atan2(v_y, v_x) - trolley.handle.theta_rad
-    assert all(abs(angle - way) < 0.1 for angle in trolley.casters_rad)
+    direction = math.atan2(v_y, v_x) - trolley.handle.theta_rad
+    assert all(abs(angle - direction) < 0.1 for angle in trolley.casters_rad)
     assert math.hypot(v_x, v_y) > 0.2
 
 
