@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The pair's authority, for the simulated deployment: makes what is missing, gives each robot its own, and stays.
+# The pair's authority, for the simulated deployment: makes missing certificates, gives each robot its own, and keeps running.
 # On real robots the operator does this, see docs/network.md: keep the authority's key away from the robots.
 set -euo pipefail
 [ -e /pki/ca.pem ] || pki.sh --dir /pki ca

@@ -1,4 +1,4 @@
-# What is outside a release: units, devices, configuration. Read by install.sh.
+# Files outside a release: units, devices, configuration. Sourced by install.sh.
 # shellcheck shell=bash disable=SC2154 # its variables
 
 put() { # SOURCE DESTINATION: copy if different
@@ -60,7 +60,7 @@ reload_devices() {
   fi
   [ "$variant" = hardware ] || return 0
   if ! systemctl -q is-enabled systemd-networkd 2>/dev/null; then
-    # it is to bring up can0; whether the network is online is not its concern
+    # networkd brings up can0 only; nothing waits for it to be online
     run systemctl enable --now systemd-networkd
     run systemctl disable systemd-networkd-wait-online
   fi
