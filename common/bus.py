@@ -1,7 +1,8 @@
-"""The only door to Zenoh: publish, newest-value subscription, serve and request over a mesh of Unix sockets.
+"""The only file that imports Zenoh: publish, subscribe to newest values, serve and request over Unix sockets.
 
-Every process listens on its own socket in a private runtime directory and connects to those that stand before
-it in the process table: no TCP, no scouting, no gossip. Images take another way: :mod:`common.frame_ring`."""
+Every process listens on its own socket in a private runtime directory and connects to the processes before it in the
+process table: no TCP, no scouting, no gossip. Images do not cross the bus, see :mod:`common.frame_ring`.
+"""
 
 from __future__ import annotations
 
@@ -30,14 +31,14 @@ class Bus:
     """One Zenoh session, as a context manager.
 
     Args:
-        name: this process; its socket is ``<name>.sock``.
-        runtime: private directory (mode 0700) of the sockets of all processes.
+        name: of this process; its socket is ``<name>.sock``.
+        runtime: private directory (mode 0700) with the sockets of all processes.
         peers: names of the processes to connect to.
-        namespace: the pair's, put before every key on the wire, so that several pairs can share a network.
-        settings: Zenoh's, instead of those of a peer in the mesh: the gateway's, see :mod:`gateway.node`.
+        namespace: prefix of every key on the wire, so that several pairs of robots can share a network.
+        settings: Zenoh settings instead of those of a peer in the mesh; for the gateways, see :mod:`gateway.node`.
 
     Raises:
-        ConfigError: a path too long, a process of this name that runs already, an address that cannot be used.
+        ConfigError: a path is too long, a process of this name already runs, or an address cannot be used.
     """
 
     def __init__(
@@ -51,16 +52,16 @@ class Bus:
         sockets = {peer: str(runtime / f"{peer}.sock") for peer in (name, *peers)}
         longest = max(sockets.values(), key=len)
         if len(longest) > _SOCKET_PATH_LIMIT:
-            raise ConfigError(f"{longest}: longer than a Unix socket may be; choose a shorter runtime directory")
+            raise ConfigError(f"{longest}: too long for a Unix socket; choose a shorter runtime directory")
         self._owner = (runtime / f"{name}.owner").open("w")
         try:
             fcntl.flock(self._owner, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             self._owner.close()
-            raise ConfigError(f"{runtime}: a process {name} runs here already") from error
+            raise ConfigError(f"{runtime}: a process {name} already runs here") from error
         Path(sockets[name]).unlink(missing_ok=True)
         Path(sockets[name] + ".lock").unlink(missing_ok=True)
-        # a router says of each declaration that its access list refused that it knows nothing of it
+        # a router logs an error for each declaration that its access list refused
         zenoh.init_log_from_env_or("error,zenoh::net::routing=off" if settings else "error")
         self._threads: list[threading.Thread] = []
         self._closing = threading.Event()
@@ -85,7 +86,7 @@ class Bus:
         self.close()
 
     def publish(self, channel: Channel[Any], payload: bytes) -> None:
-        """Publish; if a subscriber cannot keep up the sample is dropped, never queued without bound."""
+        """Publish; a sample is dropped if a subscriber cannot keep up."""
         publisher = self._publishers.get(channel.key)
         if publisher is None:
             publisher = self._session.declare_publisher(
@@ -97,36 +98,36 @@ class Bus:
         publisher.put(payload)
 
     def subscribe(self, channel: Channel[Any], on_payload: OnPayload) -> None:
-        """Hand on the newest payload of a channel from a thread of its own; older ones are overwritten."""
+        """Call back with the newest payload of a channel, from a thread of its own; older ones are overwritten."""
         subscriber = self._session.declare_subscriber(channel.key, zenoh.handlers.RingChannel(1))
         self._declared.append(subscriber)
         self._spawn(channel.key, lambda: _drain(subscriber, on_payload))
 
     def stream(self, channel: Channel[Any], on_payload: OnPayload) -> None:
-        """Hand on every payload of a channel, in order: for recording; up to 1000 wait for the reader."""
+        """Call back with every payload of a channel, in order, for recording; up to 1000 may wait."""
         subscriber = self._session.declare_subscriber(channel.key, zenoh.handlers.FifoChannel(1000))
         self._declared.append(subscriber)
         self._spawn(channel.key, lambda: _drain(subscriber, on_payload))
 
     def serve(self, channel: Channel[Any], on_request: OnRequest) -> None:
-        """Hand on each request with a function that answers it, from a thread of its own."""
+        """Call back with each request and a function that answers it, from a thread of its own."""
         queryable = self._session.declare_queryable(channel.key, zenoh.handlers.FifoChannel(64))
         self._declared.append(queryable)
         self._spawn(channel.key, lambda: _serve(queryable, channel.key, on_request))
 
     def request(self, channel: Channel[Any], payload: bytes, timeout_s: float) -> bytes | None:
-        """Ask and wait; None if nobody answered in time. A request may still be carried out after that."""
+        """Send a request and wait; None if no answer came in time. The request may still be carried out later."""
         for reply in self._session.get(channel.key, payload=payload, timeout=timeout_s):
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes()
         return None
 
     def declare_alive(self, process: str) -> None:
-        """Show the others that this process lives, until its session ends."""
+        """Declare this process alive to the others, until its session ends."""
         self._declared.append(self._session.liveliness().declare_token(live_key(process)))
 
     def alive(self) -> set[str]:
-        """Names of the processes that show that they live."""
+        """Names of the processes that are declared alive."""
         replies = self._session.liveliness().get(LIVE_KEYS, timeout=1.0)
         return {str(reply.ok.key_expr).rsplit("/", 1)[-1] for reply in replies if reply.ok is not None}
 
@@ -168,7 +169,7 @@ def _serve(queryable: Any, key: str, on_request: OnRequest) -> None:
 
 
 def explicit_links(connect: Sequence[str]) -> dict[str, Any]:
-    """Settings that mesh and gateway share: named peers are called for ever, nothing else is found or told."""
+    """Settings that mesh and gateway share: named peers are retried without end, no peer is discovered."""
     return {
         "connect": {"endpoints": list(connect), "timeout_ms": -1, "exit_on_failure": False, "retry": _RETRY},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
@@ -178,7 +179,7 @@ def explicit_links(connect: Sequence[str]) -> dict[str, Any]:
 
 
 def peer_settings(listen: str, connect: Sequence[str]) -> dict[str, Any]:
-    """Zenoh's settings of a process in a robot's mesh, which listens on one Unix socket and connects to others."""
+    """Zenoh settings of a process in a robot's mesh: it listens on one Unix socket and connects to others."""
     return {
         "mode": "peer",
         "listen": {"endpoints": [f"unixsock-stream/{listen}"]},
@@ -193,7 +194,7 @@ def peer_settings(listen: str, connect: Sequence[str]) -> dict[str, Any]:
 
 @contextmanager
 def routing(settings: Mapping[str, Any]) -> Iterator[None]:
-    """A router that belongs to no robot, for as long as the context lasts.
+    """Run a router that belongs to no robot, as a context manager.
 
     Raises:
         ConfigError: an address that cannot be used.
@@ -207,5 +208,5 @@ def _opened(name: str, settings: Mapping[str, Any]) -> zenoh.Session:
     try:
         return zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
     except zenoh.ZError as error:
-        # what went wrong, without the places in Zenoh's source
+        # the message without the positions in Zenoh's source
         raise ConfigError(f"{name}: {str(error).split(' at ')[0].strip()}") from error

@@ -32,9 +32,9 @@ M = TypeVar("M", bound=Message)
 class Channel(Generic[M]):
     """One key.
 
-    ``publisher`` is the one process that may publish (for a request: that answers it; in the phase ``manual`` a
-    person's station publishes commands instead of the controller); ``reach`` says whether
-    the key leaves the robot. ``rate_hz`` is 0 for what has no fixed rate.
+    ``publisher`` is the only process that publishes, or answers a request; in the phase ``manual`` the operator's
+    station publishes commands instead of the controller. ``reach``: whether the key leaves the robot. ``rate_hz`` is
+    0 where there is no fixed rate.
     """
 
     key: str
@@ -47,7 +47,7 @@ class Channel(Generic[M]):
 
     @property
     def max_age_ns(self) -> int:
-        """Older than this a message says nothing about now."""
+        """Age beyond which a message is stale."""
         return round(self.max_age_ms * NS_PER_MS)
 
 
@@ -94,5 +94,5 @@ def live_key(process: str) -> str:
 
 
 def health_channel(process: str) -> Channel[Health]:
-    """The channel on which a process says how it is doing."""
+    """The channel on which a process publishes its health."""
     return Channel(f"health/{process}", Health, process, 2, 2000, reach="pair")

@@ -11,17 +11,17 @@ import socket
 import sys
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from common.bus import Bus
+from common.bus import Bus, OnPayload, OnRequest
 from common.channels import Channel, health_channel
 from common.config import load_config
 from common.errors import ConfigError, DeviceError
 from common.memory import lock_memory
-from common.messages import Answer, Health, Message, MessageError, decode
+from common.messages import Answer, Health, Message, MessageError
 from common.node import Inbox, Node, NodeContext, Outbox, RequestDesk
 from common.processes import PROCESSES, Process, process
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, Schedule
@@ -33,7 +33,17 @@ _HEALTH_PERIOD_NS = NS_PER_S // 2
 
 
 def run_process(name: str, config_path: Path, runtime: Path, overrides: Sequence[str] = ()) -> int:
-    """Run one process of the table until SIGTERM or SIGINT; returns its exit code."""
+    """Run one process of the table until SIGTERM or SIGINT.
+
+    Args:
+        name: of the process, see :mod:`common.processes`.
+        config_path: TOML file of the pair.
+        runtime: private directory of sockets, frames and liveness files.
+        overrides: ``table.key=value``, applied after the file.
+
+    Returns:
+        The exit code: 0, EXIT_CONFIG, EXIT_DEVICE, or EXIT_BUG.
+    """
     logging.basicConfig(
         stream=sys.stderr, level=logging.INFO, format=f"%(asctime)s {name} %(levelname)s %(message)s", force=True
     )
@@ -53,34 +63,36 @@ def run_process(name: str, config_path: Path, runtime: Path, overrides: Sequence
         log.error("%s", error)
         return EXIT_DEVICE
     except Exception:
-        log.exception("stopped by a fault of its own")
+        log.exception("stopped by an internal error")
         return EXIT_BUG
 
 
 def _be_real_time(entry: Process, log: logging.Logger) -> None:
-    """SCHED_FIFO for this thread and those it will start, and locked memory; what is not allowed is said.
+    """Set SCHED_FIFO for this thread and those that it starts, and lock the memory; warn about what is not permitted.
 
-    The service manager gives the priority to a unit beforehand, and takes the right to ask for it.
+    Under systemd the unit already has its priority, and no right to change it.
     """
     given = os.sched_getscheduler(0) == os.SCHED_FIFO and os.sched_getparam(0).sched_priority == entry.priority
     try:
         if not given:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(entry.priority))
     except OSError as error:
-        log.warning("no real-time priority %d (%s): loops may be late under load", entry.priority, error.strerror)
+        log.warning(
+            "no real-time priority %d (%s): deadlines may be missed under load", entry.priority, error.strerror
+        )
     refused = lock_memory() if entry.locked else ""
     if refused:
-        log.warning("no locked memory (%s): a page that is fetched may make a loop late", refused)
+        log.warning("memory is not locked (%s): a page fault may delay the loop", refused)
 
 
 def earlier_processes(name: str) -> list[str]:
-    """Those that stand before ``name`` in the table; a name outside it (a station) comes after all."""
+    """Names before ``name`` in the process table; all of them for a name outside it, such as a station's."""
     names = [candidate.name for candidate in PROCESSES]
     return names[: names.index(name)] if name in names else names
 
 
 class ProcessExecutor:
-    """Runs one node on the bus in real time; a context manager that leaves nothing open."""
+    """Runs one node on the bus in real time, as a context manager."""
 
     def __init__(self, node: Node, context: NodeContext, clock: MonotonicClock, log: logging.Logger) -> None:
         self._node, self._clock, self._log = node, clock, log
@@ -92,7 +104,7 @@ class ProcessExecutor:
         self._stopping = False
         self._steps = 0
         self._durations_ns: deque[int] = deque(maxlen=1000)
-        # its age tells whoever cannot ask the bus that this loop goes on: a container's health check
+        # its age shows that the loop runs, for health checks that cannot use the bus
         self._alive_file = context.runtime / f"{node.name}.alive"
         self._requester = ThreadPoolExecutor(max_workers=2, thread_name_prefix="request")
         for number in (signal.SIGTERM, signal.SIGINT):
@@ -113,11 +125,11 @@ class ProcessExecutor:
         self._bus.close()
 
     def run(self) -> int:
-        """Start the node, step it until told to stop, stop it."""
+        """Start the node, step it until :meth:`stop` or a signal, stop it."""
         self._connect()
         try:
             self._node.start(self._clock.now_ns())
-            gc.freeze()  # what was made until now is never collected: shorter pauses
+            gc.freeze()  # objects made until now are never collected: shorter pauses
             self._bus.declare_alive(self._node.name)
             notify_service_manager("READY=1")
             self._log.info("ready")
@@ -128,7 +140,7 @@ class ProcessExecutor:
         return 0
 
     def stop(self) -> None:
-        """End :meth:`run` after the step under way; callable from any thread."""
+        """End :meth:`run` after the current step; may be called from any thread."""
         self._stopping = True
         self._wake.set()
 
@@ -139,7 +151,7 @@ class ProcessExecutor:
         for channel in self._node.serves:
             self._bus.serve(channel, self._server(channel))
 
-    def _receiver(self, channel: Channel[Any], wakes: bool) -> Any:
+    def _receiver(self, channel: Channel[Any], wakes: bool) -> OnPayload:
         def receive(payload: bytes) -> None:
             self._inbox.put_state(channel, payload, self._clock.now_ns())
             if wakes:
@@ -147,20 +159,19 @@ class ProcessExecutor:
 
         return receive
 
-    def _server(self, channel: Channel[Any]) -> Any:
-        def receive(payload: bytes, reply: Any) -> None:
+    def _server(self, channel: Channel[Any]) -> OnRequest:
+        def receive(payload: bytes, reply: Callable[[bytes], None]) -> None:
             try:
-                _, message = decode(channel.message, payload)
+                request = self._inbox.decode(channel, payload, self._clock.now_ns())
             except MessageError as error:
-                self._inbox.malformed += 1
-                self._inbox.faults.append(str(error))
                 refusal = Answer("", "refused", f"not a request: {error}"[:400])
                 reply(self._outbox.pack(channel, refusal, self._clock.now_ns()))
                 return
+            request_id = request.message.id
             with self._desk_lock:
-                new = self._desk.admit(message.id, reply)
-            if new and not self._inbox.put_queued(channel, payload, self._clock.now_ns()):
-                self._publish([(channel, Answer(message.id, "refused", "too many requests wait"))])
+                new = self._desk.admit(request_id, reply)
+            if new and not self._inbox.put_queued(channel, request):
+                self._publish([(channel, Answer(request_id, "refused", "too many requests are waiting"))])
             self._wake.set()
 
         return receive
@@ -192,7 +203,7 @@ class ProcessExecutor:
         return woken and not self._stopping
 
     def _step(self, now_ns: int) -> bool:
-        """One step of the node; whether it published anything."""
+        """One step of the node; returns whether it published anything."""
         self._inbox.begin_step()
         outputs = self._node.step(now_ns, self._inbox)
         self._publish(outputs)
@@ -214,20 +225,27 @@ class ProcessExecutor:
     def _ask(self, channel: Channel[Any], payload: bytes) -> None:
         try:
             reply = self._bus.request(channel, payload, REQUEST_TIMEOUT_S)
-        except Exception:  # noqa: BLE001 - said here; the node asks again
+        except Exception:  # noqa: BLE001 - logged; the node repeats the request
             self._log.exception("request on %s", channel.key)
             return
         if reply is not None:
-            self._inbox.put_queued(channel, reply, self._clock.now_ns())
+            self._inbox.put_answer(channel, reply, self._clock.now_ns())
             self._wake.set()
 
     def _report(self, missed: int) -> None:
-        """Tell the service manager and whoever listens that the loop turns, also while no input makes it step."""
+        """Report to the service manager and on the bus that the loop runs, also while no input makes it step."""
         notify_service_manager("WATCHDOG=1")
         while self._inbox.faults:
             self._log.warning("dropped a message: %s", self._inbox.faults.popleft())
         self._alive_file.touch()
-        health = Health(self._node.name, True, self._steps, missed, self._inbox.malformed, self._step_ms()[1])
+        health = Health(
+            process=self._node.name,
+            ready=True,
+            steps=self._steps,
+            missed_periods=missed,
+            malformed=self._inbox.malformed,
+            step_p99_ms=self._step_ms()[1],
+        )
         self._publish([(health_channel(self._node.name), health)])
 
     def _step_ms(self) -> tuple[float, float]:
@@ -237,12 +255,12 @@ class ProcessExecutor:
         return durations[last // 2] / NS_PER_MS, durations[int(0.99 * last)] / NS_PER_MS
 
     def _on_signal(self, number: int, _frame: object) -> None:
-        self._log.info("told to stop by %s", signal.Signals(number).name)
+        self._log.info("stopping on %s", signal.Signals(number).name)
         self.stop()
 
 
 def notify_service_manager(state: str) -> None:
-    """sd_notify(3): tell systemd, if it started this process, that it is ready or still well."""
+    """sd_notify(3): report a state to systemd, if it started this process."""
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
         return

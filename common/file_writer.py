@@ -1,21 +1,23 @@
-"""Slow work beside a loop that must not wait: a thread writes files, and drops what it cannot keep up with."""
+"""Files: written beside a loop that must not wait, replaced as a whole, as strict JSON; and where state is kept."""
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 _ROTATE_BYTES = 8_000_000
 
 
 class BackgroundWriter:
-    """Writes files in the order in which they were handed over; the oldest waiting one is dropped when many wait.
+    """Writes files in order, from a thread; when too many writes wait, the oldest is dropped.
 
-    A full disk or a missing folder stops nothing: ``fault`` says what went wrong last, and is empty again after the
-    next write that succeeded. ``dropped`` counts what was never written.
+    A full disk or a missing folder stops nothing: ``fault`` names the last failure, until the next write succeeds.
     """
 
     def __init__(self, limit: int = 64) -> None:
@@ -23,37 +25,29 @@ class BackgroundWriter:
         self._limit = limit
         self._change = threading.Condition()
         self._closing = False
-        self._busy = False
         self._thread: threading.Thread | None = None
         self.fault = ""
-        self.dropped = 0
 
     def append_line(self, path: Path, line: str) -> None:
-        """Append one line to a file; its folder is made. A file of 8 MB becomes ``….old``, and a new one begins."""
+        """Append one line to a file, in a folder made as needed. A file of 8 MB is renamed to ``….old`` first."""
         self._submit(lambda: _append(path, line))
 
     def replace(self, path: Path, content: str) -> None:
-        """Replace a file as a whole: after a power cut there is the old content or the new."""
+        """Replace a file as a whole: a power cut leaves the old content or the new."""
         self._submit(lambda: replace_file(path, content))
 
     def close(self, timeout_s: float = 2.0) -> None:
-        """Write what waits, as far as that succeeds in time."""
+        """Finish the waiting writes, for at most ``timeout_s``."""
         with self._change:
             self._closing = True
             self._change.notify_all()
         if self._thread is not None:
             self._thread.join(timeout_s)
 
-    def wait_idle(self, timeout_s: float) -> bool:
-        """Whether everything was written, or dropped, within the time."""
-        with self._change:
-            return self._change.wait_for(lambda: not self._waiting and not self._busy, timeout_s)
-
     def _submit(self, work: Callable[[], None]) -> None:
         with self._change:
             if len(self._waiting) >= self._limit:
                 self._waiting.popleft()
-                self.dropped += 1
             self._waiting.append(work)
             if self._thread is None:
                 self._thread = threading.Thread(target=self._run, name="background-writer", daemon=True)
@@ -63,26 +57,22 @@ class BackgroundWriter:
     def _run(self) -> None:
         while True:
             with self._change:
-                self._busy = False
-                self._change.notify_all()
                 self._change.wait_for(lambda: self._waiting or self._closing)
                 if not self._waiting:
                     return
                 work = self._waiting.popleft()
-                self._busy = True
             try:
                 work()
                 self.fault = ""
             except OSError as error:
                 self.fault = f"{error.filename or 'state'}: {error.strerror}"
-                self.dropped += 1
 
 
 def replace_file(path: Path, content: str) -> None:
-    """Write beside the file, flush to the disk, rename over it.
+    """Write a new file beside it, flush it to disk, rename it over the old one.
 
     Raises:
-        OSError: as the system says.
+        OSError: it cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f".{path.name}.new")
@@ -102,8 +92,25 @@ def _append(path: Path, line: str) -> None:
 
 
 def state_directory(configured: str, runtime: Path) -> Path:
-    """Where a process keeps what outlives it: as configured, else systemd's STATE_DIRECTORY, else ``runtime``."""
+    """Directory for persistent state: as configured, else systemd's STATE_DIRECTORY, else ``runtime``."""
     if configured:
         return Path(configured)
     given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
     return Path(given) if given else runtime
+
+
+def write_json(path: Path, content: dict[str, Any]) -> dict[str, Any]:
+    """Write ``content`` as strict JSON, with null for NaN and infinity; returns what a reader of the file gets."""
+    text = json.dumps(_json_ready(content), indent=1, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+    written: dict[str, Any] = json.loads(text)
+    return written
+
+
+def _json_ready(content: Any) -> Any:
+    # one run that never ended must not make the results of the others unreadable
+    if isinstance(content, Mapping):
+        return {key: _json_ready(value) for key, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [_json_ready(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content

@@ -1,8 +1,8 @@
 """Shared memory for frames: a ring of slots in a file of the runtime directory, which lies on tmpfs.
 
-One writer, any number of readers. Each slot carries its frame's sequence number before and after the pixels;
-a reader copies the slot and then looks whether the number is still the one it came for. Nothing outlives the
-runtime directory, so a killed process leaves no memory behind.
+One writer, any number of readers. Each slot begins with its frame's sequence number; a reader copies the slot and
+then checks that the number has not changed. The ring lives in the runtime directory, so a killed process leaves no
+memory behind.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ _NAME = "frames.ring"
 
 
 class FrameRing:
-    """Writer's side; made by the camera process."""
+    """The writer's side, in the camera process."""
 
     def __init__(self, runtime: Path, width_px: int, height_px: int) -> None:
         self._stride = _slot_bytes(width_px, height_px)
         path = runtime / _NAME
-        path.unlink(missing_ok=True)  # a reader of an earlier run keeps its own old file
+        path.unlink(missing_ok=True)  # readers of an earlier run keep the old file
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
         try:
             os.ftruncate(descriptor, SLOTS * self._stride)
@@ -38,14 +38,14 @@ class FrameRing:
         self._shape = (height_px, width_px)
 
     def slot(self, sequence: int) -> Image:
-        """Begin frame ``sequence``: its pixels to write into, in place."""
+        """Begin frame ``sequence``; returns its pixels, (height, width), to be written in place."""
         offset = (sequence % SLOTS) * self._stride
         self._mark(offset, 0)
         height, width = self._shape
         return np.frombuffer(self._memory, np.uint8, height * width, offset + _HEAD).reshape(self._shape)
 
     def commit(self, sequence: int) -> int:
-        """End frame ``sequence`` and return its slot."""
+        """Mark frame ``sequence`` as complete; returns its slot."""
         slot = sequence % SLOTS
         self._mark(slot * self._stride, sequence)
         return slot
@@ -55,7 +55,7 @@ class FrameRing:
 
 
 class FrameReader:
-    """Reader's side; opens the file when the first frame is announced, and again when the writer is new."""
+    """The reader's side: opens the file at the first frame, and again after a restart of the writer."""
 
     def __init__(self, runtime: Path) -> None:
         self._path = runtime / _NAME
@@ -63,7 +63,7 @@ class FrameReader:
         self._inode = -1
 
     def read(self, frame: Frame) -> Image | None:
-        """A copy of the frame's pixels, (height, width); None if they were overwritten or are not there."""
+        """A copy of the frame's pixels, (height, width); None if they are overwritten or missing."""
         stride = _slot_bytes(frame.width_px, frame.height_px)
         memory = self._open()
         if memory is None or frame.slot >= SLOTS or len(memory) != SLOTS * stride:

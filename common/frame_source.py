@@ -1,4 +1,4 @@
-"""What a camera is to the camera process: real, recorded and simulated ones alike."""
+"""The interface of cameras to the camera process: real, recorded and simulated."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ENTRY_POINTS = "davpc.frame_sources"
 
 @dataclass(frozen=True)
 class Capture:
-    """What is known of an image beside its pixels; ``capture_ns`` is the middle of the exposure."""
+    """An image without its pixels; ``capture_ns`` is the middle of the exposure."""
 
     capture_ns: int
     exposure_us: float
@@ -26,7 +26,7 @@ class Capture:
 
 
 class FrameSource(Protocol):
-    """A camera. ``trigger`` says what makes the camera process step, ``inputs`` what the source listens to."""
+    """A camera. ``trigger`` makes the camera process step, ``inputs`` are channels that the source reads."""
 
     trigger: Trigger
     inputs: tuple[Channel[Any], ...]
@@ -39,15 +39,24 @@ class FrameSource(Protocol):
         """
 
     def grab(self, now_ns: int, inputs: Inbox, image: Image) -> Capture | None:
-        """Write the next image in place, (height, width) grey; None if there is none yet.
+        """Take the next image.
+
+        Args:
+            now_ns: time of the step.
+            inputs: messages of the channels in ``inputs``.
+            image: (height, width) uint8 grey levels, written in place.
+
+        Returns:
+            The capture; None if there is no new image.
 
         Raises:
-            DeviceError: the device was lost; the camera process opens it anew.
+            DeviceError: the device was lost; the camera process reopens it.
         """
 
     def expose(self, exposure_us: float) -> None:
-        """Expose otherwise than configured from the next image on, until opened anew; what cannot be changed stays
-        and is logged. Each capture tells what is in force.
+        """Change the exposure from the next image on, until the device is reopened.
+
+        A source that cannot change it logs that. Each capture reports the exposure in use.
         """
 
     def close(self) -> None:
@@ -58,7 +67,7 @@ def frame_source(context: NodeContext) -> FrameSource:
     """The source that the configuration names.
 
     Raises:
-        ConfigError: no such driver; the text lists those there are.
+        ConfigError: no such driver; the text lists the known ones.
     """
     driver = context.config.camera.driver
     found = {entry.name: entry for entry in entry_points(group=ENTRY_POINTS)}

@@ -1,4 +1,4 @@
-"""Memory that stays: no page of a real-time process is ever waited for (mlockall(2))."""
+"""Locked memory: a real-time process never waits for a page (mlockall(2))."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ _CAP_IPC_LOCK = 14
 
 
 def lock_memory() -> str:
-    """Keep every page of this process in memory from its first use on; the reason if that is not allowed, else "".
+    """Lock every page of this process from its first use on; returns "", or the reason if that is not permitted.
 
-    A finite limit would let a later allocation fail in the middle of a motion: then nothing is locked.
+    With a finite limit nothing is locked: a later allocation could fail in the middle of a motion.
     """
     limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     if limit != resource.RLIM_INFINITY and not _privileged():
@@ -26,7 +26,7 @@ def lock_memory() -> str:
 
 
 def _privileged() -> bool:
-    """Whether this process has CAP_IPC_LOCK, which no limit binds."""
+    """Whether this process has CAP_IPC_LOCK, which overrides the limit."""
     lines = Path("/proc/self/status").read_text().splitlines()
     (effective,) = (int(line.split()[1], 16) for line in lines if line.startswith("CapEff:"))
     return bool(effective >> _CAP_IPC_LOCK & 1)

@@ -1,13 +1,13 @@
-"""What a node is, and what it may rely on from the executor that runs it.
+"""What a node is, and what the executor that runs it guarantees.
 
 A node declares its channels and has ``step(now_ns, inputs) → outputs``. Two executors run the same nodes:
 :mod:`common.executor` as a process over Zenoh, :mod:`sim.stepped` many in one process in stepped time.
-Both promise:
+Both guarantee:
 
 * ``start`` runs once before the first step and ``stop`` once after the last, also after a failure;
 * ``step`` runs at each absolute ``period_ns`` and on each arrival on a channel in ``wakes``, never twice at once;
-* of a state channel only the newest message is kept; requests and answers are kept all, in order;
-* everything passes through the wire's encoding, so a node never sees another node's objects.
+* of a state channel only the newest message is kept; requests and answers are all kept, in order;
+* every message passes through the wire's encoding, so that nodes share no objects.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections import OrderedDict, deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
@@ -33,7 +34,7 @@ REQUEST_BACKLOG = 64
 
 @dataclass(frozen=True)
 class NodeContext:
-    """What a node is made from: the configuration, and what only this run knows.
+    """What a node is made from: the configuration and the facts of this run.
 
     ``clock`` is for nodes whose device or deadline needs the time within a step; algorithms get ``now_ns``.
     """
@@ -47,9 +48,9 @@ class NodeContext:
 
 @dataclass(frozen=True)
 class Trigger:
-    """When a node steps: every ``period_ns`` (0: never by time), whenever a channel of ``wakes`` brings news.
+    """When a node steps: every ``period_ns`` (0: never by time), and on each message of a channel in ``wakes``.
 
-    ``free``: again and again without a pause, for a node whose step waits for its device.
+    ``free``: continuously, for a node whose step waits for its device.
     """
 
     period_ns: int = 0
@@ -67,10 +68,10 @@ class Received(Generic[M]):
 
 
 class Inbox:
-    """Raw payloads on their way into a node: the newest of each state channel, all requests and answers.
+    """Messages on their way into a node: the newest of each state channel, all requests and answers.
 
-    Decoding happens in the step, once per message that is looked at. What cannot be decoded is counted,
-    and named once per reason in ``faults`` for the executor to log.
+    A state is decoded in the step, and only if the node looks at it; a request or an answer when it arrives. What
+    cannot be decoded is counted in ``malformed`` and named in ``faults``, for the executor to log.
     """
 
     def __init__(self, boot_id: str, decoder: Decoder = decode) -> None:
@@ -83,27 +84,40 @@ class Inbox:
         self._arriving: set[str] = set()
         self._spoilt: set[str] = set()
         self._lock = threading.Lock()
-        self._queues: dict[str, deque[tuple[bytes, int]]] = {}
+        self._queues: dict[str, deque[Received[Any]]] = {}
         self.malformed = 0
         self.faults: deque[str] = deque(maxlen=16)
 
     def put_state(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> None:
-        """Replace the newest payload; it is decoded only when the node looks."""
+        """Replace the newest payload of a state channel."""
         with self._lock:
             self._incoming[channel.key] = (payload, receipt_ns)
             self._arriving.add(channel.key)
 
-    def put_queued(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> bool:
+    def put_queued(self, channel: Channel[Any], received: Received[Any]) -> bool:
         """Append a request or an answer; false, and nothing is kept, if too many wait already."""
         with self._lock:
             queue = self._queues.setdefault(channel.key, deque())
             if len(queue) >= REQUEST_BACKLOG:
                 return False
-            queue.append((payload, receipt_ns))
+            queue.append(received)
         return True
 
+    def put_answer(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> None:
+        """Append the answer to one of this node's own requests on the channel; a malformed one is dropped."""
+        with suppress(MessageError):
+            self.put_queued(channel, self._decode(Answer, channel, payload, receipt_ns))
+
+    def decode(self, channel: Channel[M], payload: bytes, receipt_ns: int) -> Received[M]:
+        """The message of a payload, for the executor that takes a request in.
+
+        Raises:
+            MessageError: malformed, or stamped in another boot; counted.
+        """
+        return self._decode(channel.message, channel, payload, receipt_ns)
+
     def newest(self, channel: Channel[M]) -> Received[M] | None:
-        """The newest valid message ever received; its age is the caller's to judge."""
+        """The newest valid message ever received, of any age."""
         stored = self._newest.get(channel.key)
         if stored is None:
             return None
@@ -111,12 +125,14 @@ class Inbox:
         known = self._decoded.get(channel.key)
         if known is not None and known[0] is payload:
             return cast("Received[M] | None", known[1])
-        received = self._decode(channel.message, channel, payload, receipt_ns)
-        if received is None:
+        received: Received[M] | None
+        try:
+            received = self.decode(channel, payload, receipt_ns)
+        except MessageError:
             self._spoilt.add(channel.key)
             received = known[1] if known is not None else None
         self._decoded[channel.key] = (payload, received)
-        return cast("Received[M] | None", received)
+        return received
 
     def fresh(self, channel: Channel[M], now_ns: int) -> M | None:
         """The newest message if it is younger than the channel's maximum age.
@@ -130,7 +146,7 @@ class Inbox:
         return received.message if now_ns - since_ns <= channel.max_age_ns else None
 
     def arrived(self, channel: Channel[M]) -> M | None:
-        """The newest message if it came since the last step and could be decoded."""
+        """The newest message, if it came since the last step and could be decoded."""
         if channel.key not in self._arrived:
             return None
         received = self.newest(channel)
@@ -138,29 +154,27 @@ class Inbox:
 
     def requests(self, channel: Channel[M]) -> list[Received[M]]:
         """Requests that came since the last step, oldest first."""
-        found = [self._decode(channel.message, channel, *item) for item in self._take(channel.key)]
-        return [cast("Received[M]", received) for received in found if received is not None]
+        return self._take(channel.key)
 
     def answers(self, channel: Channel[Any]) -> list[Answer]:
         """Answers to this node's own requests that came since the last step."""
-        found = [self._decode(Answer, channel, *item) for item in self._take(channel.key)]
-        return [received.message for received in found if received is not None]
+        return [received.message for received in self._take(channel.key)]
 
     def begin_step(self) -> None:
-        """What came until now is what this step sees; executors call it before each step."""
+        """Fix what this step sees: the states received until now. Executors call it before each step."""
         with self._lock:
             self._newest.update(self._incoming)
             self._incoming.clear()
             self._arrived, self._arriving = self._arriving, set()
         self._spoilt.clear()
 
-    def _take(self, key: str) -> list[tuple[bytes, int]]:
+    def _take(self, key: str) -> list[Received[Any]]:
         with self._lock:
             return list(self._queues.pop(key, ()))
 
     def _decode(
         self, message_type: type[Any], channel: Channel[Any], payload: bytes, receipt_ns: int
-    ) -> Received[Any] | None:
+    ) -> Received[Any]:
         try:
             header, message = self._decoder(message_type, payload)
             if channel.reach == "robot" and header.boot_id != self._boot_id:
@@ -168,14 +182,14 @@ class Inbox:
         except MessageError as error:
             self.malformed += 1
             self.faults.append(str(error))
-            return None
+            raise
         return Received(message, header, receipt_ns)
 
 
 class Node(ABC):
-    """One process's work. ``name`` is its name in the process table.
+    """The work of one process. ``name`` is its name in the process table.
 
-    ``bus_settings`` is None for all but the gateways, whose session is a router's.
+    ``bus_settings`` is None except for the gateways, whose session is a router's.
     """
 
     name: str
@@ -185,7 +199,7 @@ class Node(ABC):
     outputs: tuple[Channel[Any], ...] = ()
     serves: tuple[Channel[Any], ...] = ()
 
-    def start(self, now_ns: int) -> None:  # noqa: B027 - nothing to open is a valid start
+    def start(self, now_ns: int) -> None:  # noqa: B027 - a node may have nothing to open
         """Open devices.
 
         Raises:
@@ -197,7 +211,7 @@ class Node(ABC):
         """Do one step and return what to publish, requests and answers included."""
 
     def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002 - overridden where time matters
-        """Bring devices to a safe end; also called after a failed step."""
+        """Bring devices into a safe state; also called after a failed step."""
         return ()
 
 
@@ -216,14 +230,14 @@ class Outbox:
 
 
 class RequestDesk:
-    """Makes requests idempotent: one id is handed to the node once, and answered the same ever after."""
+    """Makes requests idempotent: each id reaches the node once and always gets the same answer."""
 
     def __init__(self) -> None:
         self._answers: OrderedDict[str, bytes] = OrderedDict()
         self._waiting: dict[str, Callable[[bytes], None]] = {}
 
     def admit(self, request_id: str, reply: Callable[[bytes], None]) -> bool:
-        """True if the node has yet to see this request; a known one is answered, or waits on, here."""
+        """Whether the request is new to the node; a known one is answered here, now or once the answer is there."""
         known = self._answers.get(request_id)
         if known is not None:
             reply(known)
@@ -233,7 +247,7 @@ class RequestDesk:
         return first
 
     def settle(self, answer: Answer, payload: bytes) -> None:
-        """Hand the node's answer to whoever waits for it, and keep it for those who ask again."""
+        """Send the node's answer to the waiting caller, and keep it for repeated requests."""
         self._answers[answer.id] = payload
         while len(self._answers) > REQUEST_BACKLOG:
             self._answers.popitem(last=False)

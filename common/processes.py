@@ -16,11 +16,11 @@ ENTRY_POINTS = "davpc.processes"
 
 @dataclass(frozen=True)
 class Process:
-    """One process: its name everywhere, where it runs, what makes it step and what it is for.
+    """One process: its name, the robot it runs on, what makes it step and its purpose.
 
-    ``priority`` is its SCHED_FIFO priority where the system allows one: the shorter the loop, the higher; only the
-    controller, whose work is short and whose lateness stops the robot, goes before camera and estimator;
-    ``locked`` says that its memory is locked, where that is allowed.
+    ``priority`` is its SCHED_FIFO priority, where permitted: the shorter the loop, the higher. Only the controller,
+    whose work is short and whose missed deadlines stop the robot, goes before camera and estimator. ``locked``: its
+    memory is locked, where permitted.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Process:
     locked: bool = False
 
     def factory(self) -> Callable[[NodeContext], Node]:
-        """The function that makes this process's node; found by name, so that no table imports a robot."""
+        """The function that makes this process's node, found by entry point so that this table imports no robot."""
         (entry,) = entry_points(group=ENTRY_POINTS, name=self.name)
         make: Callable[[NodeContext], Node] = entry.load()
         return make
@@ -60,7 +60,7 @@ PROCESSES: tuple[Process, ...] = (
 )
 
 GATEWAYS = {"follower": "follower-gateway", "leader": "leader-gateway"}
-# what runs when both robots share one machine, and so one mesh
+# the processes when both robots share one machine and one mesh
 ONE_MACHINE: tuple[Process, ...] = tuple(entry for entry in PROCESSES if entry.name not in GATEWAYS.values())
 
 
@@ -68,7 +68,7 @@ def process(name: str) -> Process:
     """The process of this name.
 
     Raises:
-        KeyError: there is none; the text lists those there are.
+        KeyError: there is none; the text lists the known names.
     """
     for candidate in PROCESSES:
         if candidate.name == name:

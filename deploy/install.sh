@@ -5,17 +5,17 @@
 #       --wheels DIR   take packages from this folder, not from the network; made by `install.sh wheels DIR`
 #       --simulated    drives, I/O and light are simulated; the Follower's machine runs the world
 #       --start        start the robot's processes now and at every boot
-#       --restart      allow to stop the robot, if its processes run, for the upgrade
-#       --dry-run      say what would be done, do nothing
+#       --restart      may stop the robot's running processes for the upgrade
+#       --dry-run      print what would be done, do nothing
 #   install.sh rollback [--dry-run]             back to the release before this one
-#   install.sh uninstall [--purge] [--dry-run]  remove all but configuration, calibration and the user davpc, whose
-#                                               they are; --purge: these too
+#   install.sh uninstall [--purge] [--dry-run]  remove all but configuration, calibration and their owner, the user
+#                                               davpc; --purge: these too
 #   install.sh wheels DIR                       gather the packages, on a machine with network and the same Python
 #
 # A release is a folder of /opt/davpc/releases with a virtual environment and its units; releases with the same lock
 # share the packages in /opt/davpc/environments. /opt/davpc/current points to the release in use, /opt/davpc/previous
-# to the one before. /etc/davpc is yours: a file that is there is never touched.
-# If an upgraded robot does not come up healthy, the release before is put back. A second run changes nothing.
+# to the one before. /etc/davpc is yours: existing files are never changed.
+# If an upgraded robot does not become healthy, the previous release is restored. A second run changes nothing.
 set -euo pipefail
 umask 022
 
@@ -43,7 +43,7 @@ alone_as_root() { # for what changes the machine
   flock -n 9 || die "another install.sh is at work"
 }
 
-# --- what is there, what is wanted
+# --- what is installed, what is requested
 
 check_machine() {
   [ -d /run/systemd/system ] || [ -n "$dry_run" ] || die "systemd does not run on this machine"
@@ -60,7 +60,7 @@ check_python() {
     die "$PYTHON is not Python >= 3.11 with venv: apt-get install python3-venv, or PYTHON=... $0"
 }
 
-# name of the release that this tree makes: version, and what its files are
+# name of the release of this tree: its version and a digest of its files
 release_id() {
   local version content
   version=$(sed -n 's/^version = "\(.*\)"/\1/p' "$TREE/pyproject.toml" | head -1)
@@ -88,7 +88,7 @@ refuse_other_robot() { # ROBOT: two robots' processes on one real bus would both
 # shellcheck source=deploy/lib/files.sh
 . "$TREE/deploy/lib/files.sh"
 
-# --- which release is in use
+# --- the release in use
 
 point() { run ln -sfn "releases/$2" "$OPT/$1.new" && run mv -T "$OPT/$1.new" "$OPT/$1"; }
 
@@ -106,7 +106,7 @@ use_release() { # ID
 states() { # UNIT...: "name state restarts" of each that is meant to run: all but those whose condition says no
   systemctl show -p Id,ActiveState,NRestarts,ConditionResult,ConditionTimestampMonotonic "$@" | awk -v RS= '{
     for (i = 1; i <= NF; i++) { split($i, pair, "="); is[pair[1]] = pair[2] }
-    # one that still waits for its device has not been asked for its condition yet
+    # the condition of a unit that still waits for its device has not been checked yet
     if (is["ConditionResult"] == "yes" || is["ActiveState"] == "active" || is["ConditionTimestampMonotonic"] == 0)
       print is["Id"], is["ActiveState"], is["NRestarts"]
   }'
@@ -123,7 +123,7 @@ healthy() { # TARGET: every process of it runs, and none has been restarted for 
     [ $((SECONDS - since)) -lt "$HEALTHY_S" ] || return 0
     sleep 0.2
   done
-  # if the safe target has stopped all the others, those that failed are to blame
+  # if the safe target has stopped all other units, name those that failed
   now=$(systemctl list-units --plain --no-legend --state=failed 'davpc-*')
   [ -n "$now" ] || now=$(states "${units[@]}" | awk '$2 != "active"')
   say "not healthy: $(awk '{ print $1 }' <<<"$now" | xargs)" >&2

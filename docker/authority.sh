@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The pair's authority, for the simulated deployment: makes what is missing, gives each robot its own, and stays.
-# On real robots a person does this, see docs/network.md: the authority's key does not live beside the robots'.
+# The pair's authority, for the simulated deployment: makes missing certificates, gives each robot its own, and keeps running.
+# On real robots the operator does this, see docs/network.md: keep the authority's key away from the robots.
 set -euo pipefail
 [ -e /pki/ca.pem ] || pki.sh --dir /pki ca
 for robot in follower leader; do

@@ -1,8 +1,8 @@
-"""Who may send what to whom on the robots' network: Zenoh's access control, derived from the channel table.
+"""What each party may send and receive on the network: Zenoh's access control, derived from the channel table.
 
-What leaves a robot is what :mod:`common.channels` says: channels that reach the pair, the health of processes and
-their liveliness, each from the robot of its publisher and in that direction only. Everything else is denied, to
-everybody; so motion keys do not even come as far as the gateway.
+Only these leave a robot: channels whose reach in :mod:`common.channels` is the pair, the health of its processes and
+their liveliness, each from the robot of its publisher and in that direction only. Everything else is denied to all,
+so that motion keys do not even reach the gateway.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ OTHER: Mapping[Robot, Robot] = {"follower": "leader", "leader": "follower"}
 
 @dataclass(frozen=True)
 class Exports:
-    """Keys that one robot offers to others: state it publishes, requests it answers, tokens of its processes."""
+    """Keys that one robot offers to others: states it publishes, requests it answers, tokens of its processes."""
 
     states: tuple[str, ...]
     requests: tuple[str, ...]
@@ -64,7 +64,7 @@ def _rule(identity: str, flow: str, messages: Sequence[str], keys: Iterable[str]
 
 
 def _offers(party: str, flow: str, offered: Exports) -> list[_Rule]:
-    """What ``offered`` may send through ``flow``."""
+    """Rules for sending ``offered`` through ``flow``."""
     name = f"{party}-{flow}"
     return [
         *_rule(f"{name}-state", flow, ["put"], offered.states),
@@ -74,7 +74,7 @@ def _offers(party: str, flow: str, offered: Exports) -> list[_Rule]:
 
 
 def _wants(party: str, flow: str, wanted: Exports, namespace: str) -> list[_Rule]:
-    """What may be asked through ``flow`` of those who offer ``wanted``."""
+    """Rules for requesting ``wanted`` through ``flow``."""
     name = f"{party}-{flow}-wanted"
     alive = ["liveliness_query", "declare_liveliness_subscriber"]
     return [
@@ -85,7 +85,13 @@ def _wants(party: str, flow: str, wanted: Exports, namespace: str) -> list[_Rule
 
 
 def party_rules(party: str, ours: Exports, theirs: Exports, namespace: str) -> list[_Rule]:
-    """Rules towards a party that offers ``theirs`` and may have ``ours``."""
+    """Rules towards a party that offers ``theirs`` and may receive ``ours``.
+
+    Args:
+        party: its name in the rules' identities.
+        ours, theirs: keys that each side offers, with the namespace.
+        namespace: of the pair.
+    """
     return [
         *_offers(party, "ingress", theirs),
         *_offers(party, "egress", ours),
@@ -95,7 +101,7 @@ def party_rules(party: str, ours: Exports, theirs: Exports, namespace: str) -> l
 
 
 def _access(parties: Mapping[str, tuple[dict[str, Any], list[_Rule]]]) -> dict[str, Any]:
-    """Zenoh's access control: default deny, and one policy for each party of (who it is, its rules)."""
+    """Zenoh access control: default deny, and one policy for each party of (its identity, its rules)."""
     return {
         "enabled": True,
         "default_permission": "deny",
@@ -112,7 +118,7 @@ def _certified(names: Sequence[str]) -> dict[str, Any]:
 
 
 def _own_state(robot: Robot, namespace: str) -> list[_Rule]:
-    """What the gateway tells the processes of its own robot, and nobody else, about itself."""
+    """Rules for the gateway's own state, which only the processes of its robot receive."""
     keys = [f"{namespace}/{channel.key}" for channel in CHANNELS if channel.publisher == GATEWAYS[robot]]
     return [
         *_rule("mesh-gateway-state", "egress", ["put"], keys),
@@ -146,12 +152,12 @@ def robot_access(network: NetworkConfig, robot: Robot) -> dict[str, Any]:
 
 
 def rules_digest(access: Mapping[str, Any]) -> str:
-    """Short hash of access rules, by which a gateway's can be compared with those of another configuration."""
+    """Short hash of access rules, to compare a gateway's rules with those of a configuration."""
     return hashlib.sha256(json.dumps(access, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def site_access(pairs: Sequence[NetworkConfig]) -> dict[str, Any]:
-    """Access control of a site's router: each robot may reach the other of its pair, as if there were no router."""
+    """Access control of a site's router: each robot reaches only the other robot of its pair."""
     parties = {}
     for network in pairs:
         space = network.namespace

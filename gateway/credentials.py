@@ -1,4 +1,4 @@
-"""A robot's certificate and key: where they lie, and whether they can serve."""
+"""A robot's certificate and key: where they are, and whether they can be used."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from common.errors import ConfigError
 
 
 def credentials_folder(configured: str) -> Path:
-    """Where the files lie: what systemd's LoadCredential= hands over, else what the configuration says."""
+    """Folder of the files: from systemd's LoadCredential=, else as configured."""
     return Path(os.environ.get("CREDENTIALS_DIRECTORY") or configured)
 
 
 def check_credentials(folder: Path, certificate: str) -> float:
-    """Seconds of the wall clock for which the certificate is still good.
+    """Check the files; returns the time until the certificate expires [s], by the wall clock.
 
     Raises:
-        ConfigError: a file is missing, the key is open to others, or the certificate cannot be read or has expired.
+        ConfigError: a file is missing, others may read the key, or the certificate cannot be read or has expired.
     """
     shown, key = folder / f"{certificate}.pem", folder / f"{certificate}.key"
     for file in (folder / "ca.pem", shown, key):
@@ -38,11 +38,11 @@ def check_credentials(folder: Path, certificate: str) -> float:
 def _seconds_left(certificate: Path) -> float:
     command = ["openssl", "x509", "-noout", "-enddate", "-in", str(certificate)]
     try:
-        told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     except FileNotFoundError as error:
         raise ConfigError("openssl is not installed; on Debian: apt-get install openssl") from error
     except subprocess.CalledProcessError as error:
         raise ConfigError(
             f"network.credentials: {certificate}: not a certificate; deploy/pki.sh makes one"
         ) from error
-    return ssl.cert_time_to_seconds(told.strip().removeprefix("notAfter=")) - datetime.now(UTC).timestamp()
+    return ssl.cert_time_to_seconds(printed.strip().removeprefix("notAfter=")) - datetime.now(UTC).timestamp()

@@ -1,6 +1,6 @@
-"""A robot's gateway: the one process with a network socket, a router that lets through what the channel table says.
+"""A robot's gateway: a router, the only process with a network socket. It passes on what the channel table allows.
 
-:mod:`gateway.access` derives the rules; here are the rest of the router's settings, and the process.
+:mod:`gateway.access` derives the access rules; here are the other settings of the router, and the process.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _WARN_S = 30 * _DAY_S
 _log = logging.getLogger("gateway")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Router:
-    """What one router differs from another in.
+    """Parameters of one router.
 
-    ``certificate`` is its name, ``folder`` holds the files; ``listen`` and ``connect`` are addresses in Zenoh's form;
-    ``rates_hz`` says for keys how often they come.
+    ``certificate`` is the common name, ``folder`` holds the files; ``listen`` and ``connect`` are Zenoh addresses;
+    ``rates_hz`` are the rates of keys from the network.
     """
 
     certificate: str
@@ -45,10 +45,10 @@ class Router:
     max_message_bytes: int
 
     def settings(self) -> dict[str, Any]:
-        """Zenoh's settings.
+        """Zenoh settings.
 
-        Mutual TLS over QUIC, which unlike TCP sees a dead link within the lease; no admin space, no scouting, no
-        compression, no shared memory; messages that are too big or come too often are dropped on arrival.
+        Mutual TLS over QUIC, which unlike TCP detects a dead link within the lease; no admin space, no scouting, no
+        compression, no shared memory; messages that are too big or too frequent are dropped on arrival.
         """
         addresses = (*self.listen, *self.connect)
         return {
@@ -83,7 +83,7 @@ class Router:
         }
 
     def _flood_limit(self) -> dict[str, Any]:
-        """At most twenty times a channel's rate comes in from the network, whatever is sent."""
+        """Accept at most twenty times a channel's rate from the network."""
         return {
             "id": "flood",
             "messages": ["put"],
@@ -99,22 +99,28 @@ def _rates_hz(network: NetworkConfig, robots: Iterable[Robot]) -> dict[str, floa
 
 
 def robot_router(network: NetworkConfig, robot: Robot, runtime: Path) -> Router:
-    """A robot's gateway: its own processes by their Unix sockets, the network by QUIC."""
+    """The router of a robot's gateway: Unix sockets to its own processes, QUIC to the network."""
     name, party = GATEWAYS[robot], network.of(robot)
     peers = [entry.name for entry in PROCESSES if entry.robot == robot and entry.name != name]
     return Router(
-        party.certificate,
-        credentials_folder(network.credentials),
-        (f"unixsock-stream/{runtime / name}.sock", *party.listen),
-        (*(f"unixsock-stream/{runtime / peer}.sock" for peer in peers), *party.connect),
-        robot_access(network, robot),
-        _rates_hz(network, [OTHER[robot]]),
-        network.max_message_bytes,
+        certificate=party.certificate,
+        folder=credentials_folder(network.credentials),
+        listen=(f"unixsock-stream/{runtime / name}.sock", *party.listen),
+        connect=(*(f"unixsock-stream/{runtime / peer}.sock" for peer in peers), *party.connect),
+        access=robot_access(network, robot),
+        rates_hz=_rates_hz(network, [OTHER[robot]]),
+        max_message_bytes=network.max_message_bytes,
     )
 
 
 def site_router(pairs: Sequence[NetworkConfig], certificate: str, folder: Path, listen: Sequence[str]) -> Router:
-    """The router of a site, to which the robots of several pairs connect; a robot reaches its own pair only.
+    """The router of a site, to which the robots of several pairs connect; each robot reaches only its own pair.
+
+    Args:
+        pairs: the network table of each pair.
+        certificate: common name of the router's certificate.
+        folder: with ``ca.pem`` and the router's certificate and key.
+        listen: Zenoh addresses.
 
     Raises:
         ConfigError: two pairs share a namespace or a certificate, or one does not name this router.
@@ -123,26 +129,37 @@ def site_router(pairs: Sequence[NetworkConfig], certificate: str, folder: Path, 
     for what, values in (("namespace", [pair.namespace for pair in pairs]), ("certificate", robots)):
         twice = sorted({value for value in values if values.count(value) > 1})
         if twice:
-            raise ConfigError(f"network: {what} {twice[0]!r} belongs to two: pairs on one site differ in it")
+            raise ConfigError(
+                f"network: {what} {twice[0]!r} belongs to two: it must differ between pairs on one site"
+            )
     for pair in pairs:
         if pair.site_router != certificate:
             raise ConfigError(f"network.site_router: pair {pair.namespace!r} names {pair.site_router!r} instead")
     rates = {key: rate for pair in pairs for key, rate in _rates_hz(pair, OTHER).items()}
     limit = max(pair.max_message_bytes for pair in pairs)
-    return Router(certificate, folder, tuple(listen), (), site_access(pairs), rates, limit)
+    return Router(
+        certificate=certificate,
+        folder=folder,
+        listen=tuple(listen),
+        connect=(),
+        access=site_access(pairs),
+        rates_hz=rates,
+        max_message_bytes=limit,
+    )
 
 
 class Gateway(Node):
-    """Its session is the router; the node itself says twice a second whether it hears the other robot, for how long
-    the certificate is good, and by which rules it works."""
+    """A gateway: its session is the router. The node publishes twice a second whether the other robot's gateway is
+    reachable, how long the certificate is valid, and the digest of its rules.
+    """
 
     trigger = Trigger(period_ns=NS_PER_S // 2)
 
     def __init__(self, context: NodeContext, robot: Robot, state: Channel[GatewayState]) -> None:
-        """Look at the credentials.
+        """Check the credentials.
 
         Raises:
-            ConfigError: they cannot serve.
+            ConfigError: they cannot be used.
         """
         router = robot_router(context.config.network, robot, context.runtime)
         left_s = check_credentials(router.folder, router.certificate)
@@ -161,20 +178,20 @@ class Gateway(Node):
         linked = inputs.fresh(self._other, now_ns) is not None
         if linked != self._linked:
             self._linked = linked
-            _log.info("%s %s", self._other.publisher, "is heard" if linked else "is not heard")
+            _log.info("%s %s", self._other.publisher, "is reachable" if linked else "is not reachable")
         left_s = (self._good_until_ns - now_ns) / NS_PER_S
         return ((self._state, GatewayState(linked, left_s, self._rules)),)
 
 
 class FollowerGateway(Gateway):
-    """The Follower's."""
+    """The Follower's gateway."""
 
     name = GATEWAYS["follower"]
     outputs = (FOLLOWER_GATEWAY,)
 
 
 class LeaderGateway(Gateway):
-    """The Leader's."""
+    """The Leader's gateway."""
 
     name = GATEWAYS["leader"]
     outputs = (LEADER_GATEWAY,)

@@ -1,4 +1,4 @@
-"""World process: the plant and the simulated ends of both CAN buses, and what the light needs to know."""
+"""World process: the plant, the simulated ends of both CAN buses, and the state that the optics render from."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sim.world_message import WORLD, WorldState
 
 
 class WorldNode(Node):
-    """One step per exposure of the camera; CAN frames in between are handled as they come."""
+    """One step per exposure of the camera; CAN frames in between are handled as they arrive."""
 
     name = "world"
     outputs = (WORLD,)
@@ -41,7 +41,7 @@ class WorldNode(Node):
         self.trigger = Trigger(period_ns=round(NS_PER_S / config.camera.rate_hz))
 
     def start(self, now_ns: int) -> None:
-        """Answer on both buses, as their configuration says: over socketcand, or stepped in this process."""
+        """Open both buses as configured: over socketcand, or stepped in this process."""
         self.plant.advance(now_ns)
         buses = dict(zip((bus.channel for bus in self._can), (self._follower.bus, self._leader.bus), strict=True))
         interfaces = {bus.interface for bus in self._can}
@@ -52,10 +52,12 @@ class WorldNode(Node):
         elif interfaces == {"socketcand"} and len({(bus.host, bus.port) for bus in self._can}) == 1:
             self._serve(self._can[0], buses)
         else:
-            raise ConfigError(f"{self._path}: the world serves both buses as socketcand on one port, or both stepped")
+            raise ConfigError(
+                f"{self._path}: the simulated world needs both buses as socketcand on one port, or both as stepped"
+            )
 
-    def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:  # noqa: ARG002 - the world listens on CAN only
-        """Advance to the exposure and tell what there is to see."""
+    def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:  # noqa: ARG002 - the world takes input from CAN only
+        """Advance to the exposure and publish the world's state."""
         for channel in self._ticks:
             channel.tick()
         with self._lock:
@@ -64,7 +66,7 @@ class WorldNode(Node):
         return ((WORLD, state),)
 
     def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002
-        """Switch both buses off."""
+        """Close both buses."""
         self._devices.close()
         return ()
 
@@ -82,7 +84,7 @@ class WorldNode(Node):
         self._devices.callback(server.stop)
 
     def _now_ns(self) -> int:
-        """The time, with the plant brought up to it."""
+        """The time; the plant is advanced to it."""
         now_ns = self._clock.now_ns()
         self.plant.advance(now_ns)
         return now_ns

@@ -1,8 +1,8 @@
 """The stepped executor: many nodes in one process, in time that moves from event to event.
 
-Deterministic for a seed and many times faster than real time. Messages are encoded and decoded as on the wire
-and arrive after configured delays; what a step publishes leaves it after the node's configured duration.
-Not modelled: jitter, lost messages, and two nodes that compete for a core.
+Deterministic for a seed and many times faster than real time. Messages are encoded and decoded as on the wire and
+arrive after a fixed delay; the outputs of a step leave after the node's fixed duration. Not modelled: jitter, lost
+messages, nodes that compete for a core.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ DURATION_NS: Mapping[str, int] = {
 
 
 @dataclass
-class _Running:
+class _RunningNode:
     node: Node
     inbox: Inbox
     outbox: Outbox
@@ -39,7 +39,7 @@ class _Running:
 
 
 class _SharedDecoder:
-    """Decodes a payload once for all nodes that receive it: messages are frozen, the checks those of the wire."""
+    """Decodes a payload once for all nodes that receive it, with the checks of the wire; messages are frozen."""
 
     def __init__(self) -> None:
         self._newest: dict[type[Any], tuple[bytes, tuple[Header, Any]]] = {}
@@ -55,21 +55,21 @@ class _SharedDecoder:
 
 
 class SteppedExecutor:
-    """Runs nodes in the order of their events; ties in the order in which the events were made.
+    """Runs nodes in the order of their events; events of one instant in the order of their creation.
 
     Args:
         nodes: started in this order, stopped in reverse.
-        clock: moved on by the executor alone; simulated devices may read it.
+        clock: advanced by the executor only; simulated devices may read it.
     """
 
     def __init__(self, nodes: Sequence[Node], clock: SteppedClock) -> None:
         self._clock = clock
         decoder = _SharedDecoder()
         self._running = [
-            _Running(node, Inbox(clock.boot_id, decoder), Outbox(node.name, number, clock.boot_id))
+            _RunningNode(node, Inbox(clock.boot_id, decoder), Outbox(node.name, number, clock.boot_id))
             for number, node in enumerate(nodes, start=1)
         ]
-        self._receivers: dict[str, list[tuple[_Running, bool]]] = {}
+        self._receivers: dict[str, list[tuple[_RunningNode, bool]]] = {}
         for running in self._running:
             wakes = {channel.key for channel in running.node.trigger.wakes}
             for channel in running.node.inputs:
@@ -98,22 +98,22 @@ class SteppedExecutor:
         node.stop(self._clock.now_ns())
 
     def run(self, until_ns: int, finished: Callable[[], bool] = lambda: False) -> None:
-        """Serve events up to ``until_ns`` or until ``finished()`` holds after one."""
+        """Run events up to ``until_ns``, or until ``finished()`` is true after one."""
         while self._events and self._events[0][0] <= until_ns and not finished():
             time_ns, _, work = heapq.heappop(self._events)
             self._clock.advance_to(time_ns)
             work()
 
     def cut_link(self, from_ns: int) -> None:
-        """From this time on nothing passes between two robots; what is the world's own is no message to them."""
+        """From this time on no message passes between the robots; those of the simulated world still do."""
         self._cut_ns = from_ns
 
     def halt(self, name: str) -> None:
-        """Node ``name`` does nothing from now on, as if its process were gone."""
+        """Stop stepping node ``name``, as if its process were gone."""
         self._halted.add(name)
 
     def resume(self, name: str) -> None:
-        """Node ``name`` goes on after :meth:`halt`; what it did not see meanwhile waits for it."""
+        """Step node ``name`` again after :meth:`halt`; messages that came meanwhile are waiting."""
         self._halted.discard(name)
 
     @property
@@ -124,27 +124,27 @@ class SteppedExecutor:
     def _at(self, time_ns: int, work: Callable[[], None]) -> None:
         heapq.heappush(self._events, (time_ns, next(self._order), work))
 
-    def _periodic(self, running: _Running) -> None:
+    def _periodic(self, running: _RunningNode) -> None:
         self._at(self._clock.now_ns() + running.node.trigger.period_ns, partial(self._periodic, running))
         self._step(running)
 
-    def _wake(self, running: _Running) -> None:
-        """One step for all that arrived at this instant."""
+    def _wake(self, running: _RunningNode) -> None:
+        """Schedule one step for everything that arrives at this instant."""
         if not running.due:
             running.due = True
             self._at(self._clock.now_ns(), partial(self._woken, running))
 
-    def _woken(self, running: _Running) -> None:
+    def _woken(self, running: _RunningNode) -> None:
         running.due = False
         self._step(running)
 
-    def _parted(self, one: _Running, other: _Running) -> bool:
-        """Whether the link between two nodes' robots is cut; a node outside the table is on no robot."""
+    def _parted(self, one: _RunningNode, other: _RunningNode) -> bool:
+        """Whether the cut link lies between two nodes; a node outside the process table is on no robot."""
         assert self._cut_ns is not None
         robots = {self._robot.get(one.node.name), self._robot.get(other.node.name)}
         return robots == {"follower", "leader"} and self._clock.now_ns() >= self._cut_ns
 
-    def _step(self, running: _Running) -> None:
+    def _step(self, running: _RunningNode) -> None:
         if running.node.name in self._halted:
             return
         now_ns = self._clock.now_ns()
@@ -154,7 +154,7 @@ class SteppedExecutor:
         for channel, message in outputs:
             self._at(leaves_ns, partial(self._send, running, channel, message))
 
-    def _send(self, sender: _Running, channel: Channel[Any], message: Message) -> None:
+    def _send(self, sender: _RunningNode, channel: Channel[Any], message: Message) -> None:
         now_ns = self._clock.now_ns()
         payload = sender.outbox.pack(channel, message, now_ns)
         arrives_ns = now_ns + TRANSPORT_DELAY_NS
@@ -168,12 +168,12 @@ class SteppedExecutor:
                     continue
                 self._at(arrives_ns, partial(self._deliver, receiver, wakes, channel, payload))
 
-    def _deliver(self, receiver: _Running, wakes: bool, channel: Channel[Any], payload: bytes) -> None:
+    def _deliver(self, receiver: _RunningNode, wakes: bool, channel: Channel[Any], payload: bytes) -> None:
         receiver.inbox.put_state(channel, payload, self._clock.now_ns())
         if wakes:
             self._wake(receiver)
 
-    def _ask(self, asker: _Running, channel: Channel[Any], message: Any, payload: bytes) -> None:
+    def _ask(self, asker: _RunningNode, channel: Channel[Any], message: Any, payload: bytes) -> None:
         for server in self._running:
             if self._cut_ns is not None and self._parted(asker, server):
                 continue
@@ -184,10 +184,11 @@ class SteppedExecutor:
                     self._at(arrives_ns, partial(self._answered, asker, channel, answer))
 
                 if server.desk.admit(message.id, reply):
-                    if not server.inbox.put_queued(channel, payload, self._clock.now_ns()):
-                        raise RuntimeError(f"{channel.key}: too many requests wait")
+                    request = server.inbox.decode(channel, payload, self._clock.now_ns())
+                    if not server.inbox.put_queued(channel, request):
+                        raise RuntimeError(f"{channel.key}: too many requests are waiting")
                     self._wake(server)
 
-    def _answered(self, asker: _Running, channel: Channel[Any], answer: bytes) -> None:
-        asker.inbox.put_queued(channel, answer, self._clock.now_ns())
+    def _answered(self, asker: _RunningNode, channel: Channel[Any], answer: bytes) -> None:
+        asker.inbox.put_answer(channel, answer, self._clock.now_ns())
         self._wake(asker)

@@ -1,7 +1,7 @@
-"""One CAN bus, opened as the configuration says and used from one thread: frames out, frames in, never blocking.
+"""One CAN bus, opened as configured and used from one thread: sends and receives frames without blocking.
 
-python-can gives the same interface to a kernel's CAN (``socketcan``), a socketcand server and stepped time. What
-it hides differs: here every way in which a bus can go away becomes :class:`BusLostError`.
+python-can gives the same interface to the kernel's CAN (``socketcan``), a socketcand server and stepped time, but
+they fail in different ways: here every loss of the bus becomes a :class:`BusLostError`.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ _QUIET_LOGGERS = ("can", "canopen")
 
 
 class BusLostError(DeviceError):
-    """The bus went away or went off; it has to be opened again."""
+    """The bus is gone or bus-off; it has to be reopened."""
 
 
 class CanBus:
     """Frames to and from one bus.
 
-    ``overruns`` counts frames that a full transmit queue refused, ``oddities`` received frames of another kind
-    than CANopen uses: remote, extended, error.
+    ``overruns`` counts frames that a full transmit queue refused, ``oddities`` received frames that CANopen does not
+    use: remote, extended, error.
     """
 
     def __init__(self, config: BusConfig) -> None:
         """Open the bus.
 
         Raises:
-            DeviceError: interface, adapter or server is not there; the text names it.
+            DeviceError: interface, adapter or server is missing; the text names it.
         """
         self.name = _name(config)
         self.overruns = 0
@@ -81,7 +81,7 @@ class CanBus:
         return frames
 
     def wait(self, timeout_s: float) -> CanFrame | None:
-        """The next frame, or None when nothing came in time (in stepped time: when nothing is there).
+        """The next frame, or None if none came in time (in stepped time: if none is there).
 
         Raises:
             BusLostError: as for :meth:`receive`.
@@ -103,7 +103,7 @@ class CanBus:
         return None
 
     def hears(self, can_id: int, within_s: float) -> bool:
-        """Whether a frame of this identifier comes in time (in stepped time: is there); others are passed over.
+        """Whether a frame with this identifier comes in time (in stepped time: is there); others are skipped.
 
         Raises:
             BusLostError: as for :meth:`receive`.
@@ -119,7 +119,7 @@ class CanBus:
         self._bus.shutdown()
 
     def _read(self, timeout_s: float) -> can.Message | None:
-        # recv() of python-can counts its time-out on the wall clock: set back by an hour, it blocks for an hour
+        # recv() of python-can takes its time-out from the wall clock: set back by an hour, it blocks for an hour
         try:
             return self._bus._recv_internal(timeout_s)[0]
         except (can.CanError, OSError, ValueError) as error:
@@ -134,7 +134,7 @@ class CanBus:
         return CanFrame(message.arbitration_id, bytes(message.data))
 
     def _check_alive(self) -> None:
-        """A closed socketcand server looks like silence to python-can: look for the end of file."""
+        """python-can takes a closed socketcand server for silence: check for the end of file."""
         if self._socket is None:
             return
         try:
@@ -153,7 +153,7 @@ def _name(config: BusConfig) -> str:
 
 
 def _open(config: BusConfig, name: str) -> can.BusABC:
-    for logger in _QUIET_LOGGERS:  # both libraries log per frame and per failure; what matters is raised here
+    for logger in _QUIET_LOGGERS:  # both libraries log each frame and failure; here failures are raised
         logging.getLogger(logger).setLevel(logging.CRITICAL)
     options: dict[str, Any] = {}
     if config.interface == "socketcand":
@@ -166,18 +166,18 @@ def _open(config: BusConfig, name: str) -> can.BusABC:
 
 
 def _knock(config: BusConfig, name: str) -> None:
-    """python-can tries for ten busy seconds and then waits for ever for a greeting: ask first."""
+    """Check for a socketcand server: python-can would retry for ten busy seconds, then wait without end."""
     try:
         with socket.create_connection((config.host, config.port), CONNECT_TIMEOUT_S) as probe:
             if select.select([probe], [], [], CONNECT_TIMEOUT_S)[0] and probe.recv(16).startswith(b"< hi >"):
                 return
     except OSError as error:
         raise DeviceError(f"CAN bus {name}: no socketcand server: {error.strerror or error}") from error
-    raise DeviceError(f"CAN bus {name}: what answers there is no socketcand server")
+    raise DeviceError(f"CAN bus {name}: the server there is not socketcand")
 
 
 def _socket_of(bus: can.BusABC) -> socket.socket | None:
-    """The TCP socket inside python-can's socketcand interface, which it does not show."""
+    """The private TCP socket of python-can's socketcand interface."""
     found = getattr(bus, "_SocketCanDaemonBus__socket", None)
     return found if isinstance(found, socket.socket) else None
 

@@ -6,7 +6,7 @@ from enum import Enum, IntEnum
 
 
 class DriveState(Enum):
-    """Power drive system states; the value names them as a person reads it."""
+    """Power drive system states; the value is the name in messages to the operator."""
 
     NOT_READY = "not ready to switch on"
     SWITCH_ON_DISABLED = "switch on disabled"
@@ -29,7 +29,7 @@ class Mode(IntEnum):
 
 
 class Target(Enum):
-    """Where the master wants a drive to be."""
+    """State that the master wants."""
 
     DISABLED = "disabled"
     ENABLED = "enabled"
@@ -46,7 +46,6 @@ NEW_SETPOINT = 0x0010
 CHANGE_AT_ONCE = 0x0020
 START_HOMING = 0x0010
 
-STATUS_VOLTAGE = 0x0010
 STATUS_SETPOINT_ACKNOWLEDGE = 0x1000
 STATUS_TARGET_REACHED = 0x0400
 STATUS_HOMING_ATTAINED = 0x1000
@@ -76,7 +75,7 @@ _STATES = tuple(_decode(word) for word in range(0x80))
 
 
 def decode_statusword(statusword: int) -> DriveState:
-    """State of a statusword (6041h); UNKNOWN for a coding that the standard does not have."""
+    """State of a statusword (6041h); UNKNOWN for a coding outside the standard."""
     return _STATES[statusword & 0x7F]
 
 
@@ -93,13 +92,13 @@ _DOWN = {
 
 
 def controlword(state: DriveState, target: Target, holds_in_quick_stop: bool) -> int:
-    """The controlword that takes a drive one transition nearer to ``target``.
+    """The controlword that takes a drive one transition closer to ``target``.
 
     Args:
-        state: what its statusword says now.
-        target: where it is wanted.
-        holds_in_quick_stop: the drive stays powered in quick stop (605Ah = 6) and may be enabled from there;
-            otherwise (605Ah = 2) it leaves quick stop by itself once it stands, and is not disturbed meanwhile.
+        state: from its statusword.
+        target: state to reach.
+        holds_in_quick_stop: the drive stays powered in quick stop (605Ah = 6) and can be enabled from there;
+            otherwise (605Ah = 2) it leaves quick stop by itself at standstill, and is left alone until then.
     """
     if state is DriveState.QUICK_STOP:
         if not holds_in_quick_stop or target is Target.QUICK_STOP:

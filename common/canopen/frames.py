@@ -28,7 +28,7 @@ STATE_PRE_OPERATIONAL = 0x7F
 PDO_INVALID = 0x8000_0000
 HEARTBEAT_LOST = 0x8130
 ERROR_FLAG = 0x2000_0000
-"""Marks a frame that is no data frame but the CAN controller's own report (linux/can.h); the rest says which."""
+"""Marks an error report of the CAN controller, not a data frame (linux/can.h); the other bits are the error."""
 BUS_OFF = 0x0000_0040
 
 _EMCY = struct.Struct("<HB5s")
@@ -70,7 +70,7 @@ class CanFrame(NamedTuple):
 
 
 class Emergency(NamedTuple):
-    """An EMCY object (CiA 301): error code 0 means that the node has no error any more."""
+    """An EMCY object (CiA 301); error code 0: the node has no error any more."""
 
     code: int
     register: int
@@ -106,7 +106,7 @@ def decode_emergency(data: bytes) -> Emergency | None:
 
 
 def consumer_heartbeat(node_id: int, time_ms: int) -> int:
-    """Entry of object 1016h: whose heartbeat is awaited and for how long [ms] its absence is borne."""
+    """Entry of object 1016h: node whose heartbeat is monitored, and its time-out [ms]."""
     return node_id << 16 | time_ms
 
 

@@ -1,4 +1,4 @@
-"""Configuring CANopen nodes by SDO, each write read back, through one single-threaded access to the bus."""
+"""Configures CANopen nodes by SDO, each write read back, through single-threaded access to the bus."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MappedObject = tuple[int, int, int]
 
 
 class _PumpedAnswers(queue.Queue[bytes]):
-    """The answer queue of an SDO client without a receive thread: waiting for an answer reads the bus."""
+    """Answer queue of an SDO client without a receive thread: waiting for an answer reads the bus."""
 
     def __init__(self, bus: CanBus, response_id: int) -> None:
         super().__init__()
@@ -44,14 +44,14 @@ class _PumpedAnswers(queue.Queue[bytes]):
         self._response_id = response_id
 
     def empty(self) -> bool:
-        """Forget late answers, which is what the client asks for by this call."""
+        """Discard late answers: the purpose of the client's call."""
         for _ in range(self.qsize()):
             self.get_nowait()
         self._bus.receive()
         return True
 
     def get(self, block: bool = True, timeout: float | None = None) -> bytes:
-        """The next answer of this node; frames of others are passed over."""
+        """The next answer of this node; frames of others are skipped."""
         if not block or timeout is None:
             return super().get(block, timeout)
         for _ in range(_FOREIGN_FRAMES):
@@ -71,7 +71,7 @@ class _SingleThreadedNetwork(canopen.Network):
         self._can = bus
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        """Send through the one access to the bus; nobody here sends remote frames."""
+        """Send a frame through the bus; remote frames are not used."""
         del remote
         self._can.send(CanFrame(can_id, bytes(data)))
 
@@ -94,7 +94,7 @@ class CanopenNode:
         """Value of a number in the node's dictionary.
 
         Raises:
-            DeviceError: silent, refused, or not in the EDS.
+            DeviceError: no answer, refused, or not in the EDS.
         """
         variable = self._variable(index, subindex)
         raw = self._transfer("read", index, subindex, None)
@@ -107,7 +107,7 @@ class CanopenNode:
         """Write a number and read it back.
 
         Raises:
-            DeviceError: silent, refused, not in the EDS, or the node keeps another value.
+            DeviceError: no answer, refused, not in the EDS, or the node keeps another value.
         """
         variable = self._variable(index, subindex)
         try:
@@ -120,10 +120,10 @@ class CanopenNode:
             raise DeviceError(f"{self._name(index, subindex)}: wrote {value}, the node keeps {kept}")
 
     def check_identity(self, serial: int = 0) -> None:
-        """Compare 1000h and 1018h with the EDS, and the serial number with the configuration unless that is 0.
+        """Compare 1000h and 1018h with the EDS, and the serial number unless ``serial`` is 0.
 
         Raises:
-            DeviceError: it is another device; the text says which object differs.
+            DeviceError: another device; the text names the object that differs.
         """
         information = self.dictionary.device_information
         self.expect(0x1000, 0, self._variable(0x1000, 0).default, "device type")
@@ -175,8 +175,13 @@ class CanopenNode:
     def expect(self, index: int, subindex: int, wanted: int | None, what: str) -> None:
         """Read a number and compare it.
 
+        Args:
+            index, subindex: the object.
+            wanted: expected value; None accepts any.
+            what: name of the value, for the error.
+
         Raises:
-            DeviceError: it is another one; the text says which object holds what.
+            DeviceError: another value; the text names the object and both values.
         """
         found = self.read(index, subindex)
         if wanted is not None and found != wanted:
@@ -209,7 +214,7 @@ class CanopenNode:
 
 @lru_cache(maxsize=64)
 def load_dictionary(eds: Path, node_id: int) -> Any:
-    """Object dictionary of an EDS for one node id: ``canopen.ObjectDictionary``, not to be changed.
+    """Object dictionary of an EDS for one node id, a ``canopen.ObjectDictionary``; do not change it.
 
     Raises:
         ConfigError: missing or not an EDS.
@@ -218,7 +223,7 @@ def load_dictionary(eds: Path, node_id: int) -> Any:
         dictionary = canopen.import_od(str(eds), node_id)
     except OSError as error:
         raise ConfigError(f"{eds}: cannot be read: {error.strerror}") from error
-    except Exception as error:  # the parser's errors are of many kinds
+    except Exception as error:  # the parser raises many kinds of errors
         raise ConfigError(f"{eds}: not an EDS: {str(error).splitlines()[0]}") from error
     if not dictionary.names:
         raise ConfigError(f"{eds}: not an EDS: it describes no object")

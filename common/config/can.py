@@ -1,4 +1,4 @@
-"""Both CAN buses and what answers on them."""
+"""Both CAN buses and their nodes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ BATTERY_V_PER_COUNT = 0.01
 
 
 class HomingConfig(Section):
-    """How an axis with an incremental encoder finds its place (CiA 402 mode 6). Units: rad, or m for the lift."""
+    """Homing of an axis with an incremental encoder (CiA 402 mode 6). Units: rad, or m for the lift."""
 
-    method: Annotated[int, Field(ge=-128, le=127, description="6098h, in the motor's direction")]
-    position: Annotated[float, Field(description="where the axis stands at its home")]
-    search_speed: Annotated[float, Field(gt=0, le=0.5, description="6099h:01, per second, towards the switch")]
-    zero_speed: Annotated[float, Field(gt=0, le=0.5, description="6099h:02, per second, away from it")]
-    acceleration: Annotated[float, Field(gt=0, le=5.0, description="609Ah, per second squared")]
+    method: Annotated[int, Field(ge=-128, le=127, description="homing method, 6098h, in the motor's direction")]
+    position: Annotated[float, Field(description="position of the axis at its home")]
+    search_speed: Annotated[float, Field(gt=0, le=0.5, description="speed towards the switch, per second, 6099h:01")]
+    zero_speed: Annotated[float, Field(gt=0, le=0.5, description="speed away from the switch, per second, 6099h:02")]
+    acceleration: Annotated[float, Field(gt=0, le=5.0, description="per second squared, 609Ah")]
     timeout_s: Annotated[float, Field(gt=0, le=120)] = 30.0
 
 
@@ -32,21 +32,23 @@ class DriveConfig(Section):
     counts_per_turn: Annotated[int, Field(ge=1)] = 65536
     gear_ratio: Positive = 1.0
     sign: Literal[1, -1] = 1
-    zero_counts: Annotated[int, Field(ge=-(2**31), lt=2**31, description="absolute encoder at the axis' zero")] = 0
-    rated_torque_n_m: Annotated[Positive, Field(description="of the motor, before the gear: 6076h")] = 0.5
-    max_torque_permille: Annotated[int, Field(ge=0, le=3000, description="of the rated torque: 6072h")] = 1000
-    serial: Annotated[int, Field(ge=0, lt=2**32, description="1018h:04; 0 takes any")] = 0
-    homing: Annotated[HomingConfig | None, Field(description="none: an absolute encoder, read at start")] = None
+    zero_counts: Annotated[
+        int, Field(ge=-(2**31), lt=2**31, description="absolute encoder at the zero of the axis")
+    ] = 0
+    rated_torque_n_m: Annotated[Positive, Field(description="of the motor, before the gear, 6076h")] = 0.5
+    max_torque_permille: Annotated[int, Field(ge=0, le=3000, description="limit, of the rated torque, 6072h")] = 1000
+    serial: Annotated[int, Field(ge=0, lt=2**32, description="serial number, 1018h:04; 0 accepts any")] = 0
+    homing: Annotated[HomingConfig | None, Field(description="without it the encoder is absolute")] = None
 
     @model_validator(mode="after")
     def _one_zero(self) -> DriveConfig:
         if self.homing is not None and self.zero_counts:
-            raise ValueError("zero_counts is of an absolute encoder: with homing the position at home says it")
+            raise ValueError("zero_counts belongs to an absolute encoder: with homing, homing.position sets the zero")
         return self
 
 
 class BusConfig(Section):
-    """One CAN bus, as python-can names it."""
+    """One CAN bus, in the terms of python-can."""
 
     interface: Literal["socketcan", "socketcand", "stepped"]
     channel: str
@@ -56,7 +58,7 @@ class BusConfig(Section):
 
 
 class FollowerCanConfig(Section):
-    """The Follower's bus and who answers on it. EDS files lie beside the configuration."""
+    """The Follower's bus and its nodes. EDS files lie beside the configuration."""
 
     bus: BusConfig
     master_node_id: Annotated[int, Field(ge=1, le=127)] = 127
@@ -68,10 +70,10 @@ class FollowerCanConfig(Section):
     grippers: Annotated[tuple[DriveConfig, ...], Field(min_length=2, max_length=2)]
     lift: DriveConfig
     io_node_id: Annotated[int, Field(ge=1, le=127)]
-    shadow: Annotated[bool, Field(description="never enable a drive; tell what would have been commanded")] = False
-    readonly: Annotated[bool, Field(description="send nothing: follow what another master does on the bus")] = False
+    shadow: Annotated[bool, Field(description="never enable a drive; report what would be commanded")] = False
+    readonly: Annotated[bool, Field(description="send nothing; report what another master does on the bus")] = False
     watchdog_ms: Annotated[int, Field(ge=20, le=80)]
-    wheel_ramp_m_s2: Annotated[float, Field(gt=0, le=1.0, description="the drives' own: 6083h to 6085h")]
+    wheel_ramp_m_s2: Annotated[float, Field(gt=0, le=1.0, description="ramps of the drives, 6083h to 6085h")]
     lift_lead_m: Annotated[Positive, Field(description="lift per turn of the lead screw")]
     lift_max_m: Annotated[
         float, Field(gt=0, le=HARD_LIFT_M, description="travel of the lift: it is never commanded beyond it")

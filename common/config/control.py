@@ -17,37 +17,41 @@ from common.config.section import NonNegative, Pair, Positive, Section
 
 
 class RealtimeConfig(Section):
-    """The real-time predictive controller: 3 states, inputs linear between knots, one Gauss–Newton step a period."""
+    """The real-time predictive controller: 3 states, piecewise linear inputs, one Gauss–Newton step per period."""
 
     horizon: Annotated[int, Field(ge=5, le=100)]
-    knots: Annotated[tuple[int, ...], Field(min_length=3, description="steps at which inputs are free, from 0")]
-    terminal_weight: Annotated[tuple[float, float, float], Field(description="of each α, each β, and θ")]
-    effort_weight: Annotated[Pair, Field(description="of v² and ω², each step")]
-    rate_weight: Annotated[Pair, Field(description="of Δv² and Δω², each step")]
+    knots: Annotated[
+        tuple[int, ...], Field(min_length=3, description="steps at which the inputs are free, starting at 0")
+    ]
+    terminal_weight: Annotated[tuple[float, float, float], Field(description="weight of each α, each β, and θ")]
+    effort_weight: Annotated[Pair, Field(description="weight of v² and ω² per step")]
+    rate_weight: Annotated[Pair, Field(description="weight of Δv² and Δω² per step")]
     visibility_weight: Positive
     wheel_lag_ms: NonNegative
-    cruise_m_s: Annotated[float, Field(gt=0, description="speed that is never exceeded, also below the limit")]
-    rate_limit: Annotated[tuple[Positive, Positive], Field(description="Δv, Δω a period, also below the limit")]
+    cruise_m_s: Annotated[float, Field(gt=0, description="speed cap of the plan, besides the limits")]
+    rate_limit: Annotated[
+        tuple[Positive, Positive], Field(description="caps of Δv, Δω per period, besides the limits")
+    ]
 
     @model_validator(mode="after")
     def _knots_span_the_horizon(self) -> RealtimeConfig:
         rising = all(a < b for a, b in zip(self.knots, self.knots[1:], strict=False))
         if not rising or self.knots[0] != 0 or self.knots[-1] != self.horizon - 1:
-            raise ValueError("knots rise from 0 to horizon - 1")
+            raise ValueError("knots must rise from 0 to horizon - 1")
         return self
 
 
 class CompensationConfig(Section):
-    """The paper's extended state observer and what bounds its estimate."""
+    """The paper's extended state observer, eq. (19), and the bounds of its estimate."""
 
     bandwidth_rad_s: Positive
     observer_input: Literal["command", "wheel"]
-    feature_bound: Annotated[float, Field(gt=0, description="of the disturbance of each feature, 1/s")]
+    feature_bound: Annotated[float, Field(gt=0, description="bound of each feature's disturbance, 1/s")]
     theta_bound_rad_s: Positive
 
 
 class ControllerConfig(Section):
-    """The predictive problem of the paper, eq. (nmpc_problem)."""
+    """The predictive controller: the paper's optimal control problem, eq. (28), and the real-time one."""
 
     method: Literal["paper", "davpc"]
     solver: str
@@ -55,7 +59,7 @@ class ControllerConfig(Section):
     period_ms: Positive
     terminal_weight: NonNegative
     terminal_weight_theta: NonNegative
-    effort_weight: Annotated[Pair, Field(description="R of v and ω")]
+    effort_weight: Annotated[Pair, Field(description="diagonal of R: v, ω")]
     visibility_margin_px: NonNegative
     deadline_ms: Positive
     realtime: RealtimeConfig
@@ -63,7 +67,7 @@ class ControllerConfig(Section):
 
 
 class LimitsConfig(Section):
-    """What the Follower may do: bounds of the controller and, above them, of the gate."""
+    """Motion limits of the Follower: those of the controller and, above them, those of the gate."""
 
     v_min_m_s: Annotated[float, Field(le=0, ge=HARD_V_MIN_M_S)]
     v_max_m_s: Annotated[float, Field(gt=0, le=HARD_V_MAX_M_S)]
@@ -75,9 +79,10 @@ class LimitsConfig(Section):
 
 
 class BaseConfig(Section):
-    """The Follower's differential drive, and its battery: 0 V as a bound means that it is not judged.
+    """The Follower's differential drive and its battery.
 
-    Below ``battery_low_v`` the doctor asks for a charge; below ``battery_min_v`` nothing is armed, a docking pauses.
+    Below ``battery_low_v`` the doctor asks for a charge; below ``battery_min_v`` nothing is armed and a docking
+    pauses. 0 V switches the check off.
     """
 
     wheel_radius_m: Positive
@@ -89,5 +94,7 @@ class BaseConfig(Section):
     @model_validator(mode="after")
     def _charge_before_the_end(self) -> BaseConfig:
         if self.battery_low_v and self.battery_min_v > self.battery_low_v:
-            raise ValueError("battery_min_v is above battery_low_v: it would stop before it asks for a charge")
+            raise ValueError(
+                "battery_min_v is above battery_low_v: the robot would stop before the doctor asks for a charge"
+            )
         return self

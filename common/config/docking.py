@@ -1,4 +1,4 @@
-"""Where a trolley docks, and the phases that lead there."""
+"""Where a trolley docks, and the phases of a docking."""
 
 from __future__ import annotations
 
@@ -14,12 +14,14 @@ from common.geometry import Pose2
 class DockingConfig(Section):
     """Where trolley K docks, and when the approach counts as arrived.
 
-    ``taught_dir`` holds the desired images of ``davpc teach K``; empty: geometry gives them.
+    ``taught_dir`` holds the desired images of ``davpc teach K``; if empty, geometry gives them.
     """
 
     goal_distance_m: Positive
     trolley_pitch_m: Positive
-    staging_distance_m: Annotated[float, Field(gt=0, le=5, description="behind goal K, where a trolley is taken up")]
+    staging_distance_m: Annotated[
+        float, Field(gt=0, le=5, description="behind goal K, where the Follower takes up a trolley")
+    ]
     feature_tolerance: Positive
     heading_tolerance_deg: Positive
     settle_s: Positive
@@ -34,7 +36,7 @@ class DockingConfig(Section):
 
 
 class SupervisorConfig(Section):
-    """Phases of a docking: speeds, distances and how long each may take."""
+    """Phases of a docking: speeds, distances and time limits."""
 
     approach_speed_m_s: Annotated[float, Field(gt=0, le=PHASE_CAPS["approach"].v_m_s)]
     last_metre_speed_m_s: Annotated[float, Field(gt=0, le=0.2)]
@@ -44,21 +46,25 @@ class SupervisorConfig(Section):
     retract_speed_m_s: Annotated[float, Field(gt=0, le=PHASE_CAPS["retract"].v_m_s)]
     retract_distance_m: Positive
     manual_speed_m_s: Annotated[
-        float, Field(gt=0, le=PHASE_CAPS["manual"].v_m_s, description="most that a person may ask for by hand")
+        float, Field(gt=0, le=PHASE_CAPS["manual"].v_m_s, description="limit of the operator's commands")
     ] = 0.10
     manual_turn_rad_s: Annotated[float, Field(gt=0, le=PHASE_CAPS["manual"].w_rad_s)] = 0.30
     acquire_timeout_s: Positive
     approach_timeout_s: Positive
     lost_timeout_s: Positive
-    stall_timeout_s: Annotated[Positive, Field(description="of an approach that comes no nearer")]
+    stall_timeout_s: Annotated[Positive, Field(description="of an approach without progress")]
     lock_timeout_s: Annotated[float, Field(gt=0, le=60)]
-    link_timeout_s: Annotated[float, Field(gt=0, le=60, description="for the Leader's word, in contact")]
-    trolley_wait_s: Annotated[float, Field(gt=0, description="standing, before the grippers close")]
+    link_timeout_s: Annotated[float, Field(gt=0, le=60, description="wait for the Leader, in contact")]
+    trolley_wait_s: Annotated[float, Field(gt=0, description="standstill before the grippers close")]
     grip_timeout_s: Positive
     trolley_timeout_s: Positive
-    search_turn_deg: Annotated[float, Field(gt=0, le=45, description="to each side")]
+    search_turn_deg: Annotated[float, Field(gt=0, le=45, description="angle to each side")]
     search_rate_rad_s: Annotated[float, Field(gt=0, le=PHASE_CAPS["search"].w_rad_s)]
-    search_clearance_m: Annotated[float, Field(ge=0.3, description="to the goal, for turning with a trolley")]
-    reduced_speed_m_s: Annotated[float, Field(gt=0, le=0.1, description="while a LED is missing")]
-    reduced_sigma_m: Annotated[float, Field(gt=0, le=0.05, description="of e_y at the goal, with the LEDs left")]
+    search_clearance_m: Annotated[
+        float, Field(ge=0.3, description="least distance to the goal for turning with a trolley")
+    ]
+    reduced_speed_m_s: Annotated[float, Field(gt=0, le=0.1, description="while an LED is missing")]
+    reduced_sigma_m: Annotated[
+        float, Field(gt=0, le=0.05, description="largest predicted σ of e_y at the goal, with an LED missing")
+    ]
     push_visual_tolerance_m: Positive

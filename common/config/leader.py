@@ -14,13 +14,13 @@ class LeaderConfig(Section):
 
     lock_travel_timeout_s: Positive
     lock_travel_least_s: Annotated[
-        NonNegative, Field(description="before it a closing bolt cannot be there: a switch that says so is stuck")
+        NonNegative, Field(description="shortest travel: a switch that closes sooner is stuck")
     ] = 0.5
     actuator_current_limit_a: Positive
     led_current_tolerance_a: Positive
-    led_rated_current_a: Annotated[Positive, Field(description="that an LED bears for ever")]
-    led_max_current_a: Annotated[float, Field(gt=0, le=5, description="that may be asked for")]
-    led_thermal_s: Annotated[Positive, Field(description="time constant of an LED's heat")]
+    led_rated_current_a: Annotated[Positive, Field(description="continuous current rating of an LED")]
+    led_max_current_a: Annotated[float, Field(gt=0, le=5, description="largest current that may be requested")]
+    led_thermal_s: Annotated[Positive, Field(description="thermal time constant of an LED")]
 
     @model_validator(mode="after")
     def _travel_in_time(self) -> LeaderConfig:

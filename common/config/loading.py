@@ -1,4 +1,4 @@
-"""One TOML file into the models; an error names the file and the key."""
+"""Loads a TOML file into the models; an error names the file and the key."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def load_config(path: Path, overrides: Sequence[str] = ()) -> Config:
 
 
 def validate(model: type[M], table: Mapping[str, Any], origin: str) -> M:
-    """Check a table against its model; ``origin`` (a file, or a file and a table) goes into the error.
+    """Check a table against its model; an error begins with ``origin``, a file or a file and a table.
 
     Raises:
         ConfigError: with one line for the first fault, and the number of further ones.
@@ -86,7 +86,7 @@ def _apply(table: dict[str, Any], override: str) -> None:
 
 
 def _tuples(value: Any) -> Any:
-    """TOML arrays as tuples, the immutable form that the models hold."""
+    """TOML arrays as tuples, as the frozen models need them."""
     if isinstance(value, Mapping):
         return {key: _tuples(item) for key, item in value.items()}
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""What crosses between the robots."""
+"""The network between the robots."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NetworkAddress = Annotated[str, Field(pattern=r"^quic/(\[[0-9a-f:]+\]|[A-Za-z0-9
 
 
 class GatewayConfig(Section):
-    """One robot's gateway: the common name of its certificate, and its addresses, as ``quic/host:port``."""
+    """One robot's gateway: common name of its certificate, addresses as ``quic/host:port``."""
 
     certificate: CertificateName
     listen: tuple[NetworkAddress, ...] = ()
@@ -22,11 +22,11 @@ class GatewayConfig(Section):
 
 
 class NetworkConfig(Section):
-    """What crosses between the robots, and whom their gateways let in.
+    """The network between the robots, and the certificates that their gateways accept.
 
-    ``namespace`` is this pair's on the site's network. ``credentials`` holds ``ca.pem`` and, for each certificate,
-    ``NAME.pem`` and ``NAME.key``. ``site_router`` is its certificate if both robots connect to one, instead of to
-    each other. ``operators`` are certificates that may watch, and change nothing.
+    ``namespace`` separates this pair from others on the site's network. ``credentials`` is a folder with ``ca.pem``
+    and, for each certificate, ``NAME.pem`` and ``NAME.key``. ``site_router`` is the certificate of a router, if both
+    robots connect to one instead of to each other. Certificates in ``operators`` may watch, but change nothing.
     """
 
     namespace: Annotated[str, Field(pattern=r"^[a-z0-9_-]+(/[a-z0-9_-]+)*$")] = DEFAULT_NAMESPACE
@@ -42,7 +42,7 @@ class NetworkConfig(Section):
     operators: tuple[CertificateName, ...] = ()
 
     def of(self, robot: Literal["follower", "leader"]) -> GatewayConfig:
-        """The gateway of one of the two."""
+        """The gateway of one robot."""
         return self.follower if robot == "follower" else self.leader
 
     @model_validator(mode="after")
@@ -51,5 +51,5 @@ class NetworkConfig(Section):
         names += [self.site_router] if self.site_router else []
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise ValueError(f"certificate {twice[0]!r} is given twice: each has its own rights")
+            raise ValueError(f"certificate {twice[0]!r} is given twice: each needs its own")
         return self

@@ -14,7 +14,7 @@ from common.geometry import Array, Pinhole, mirror_deviation_m
 
 
 class LensConfig(Section):
-    """Intrinsics. ``coefficients`` in OpenCV's order: none, 8 for rational, 4 for fisheye."""
+    """Intrinsics. ``coefficients`` in OpenCV's order: none for pinhole, 8 for rational, 4 for fisheye."""
 
     model: Literal["pinhole", "rational", "fisheye"] = "pinhole"
     fx_px: Positive
@@ -32,13 +32,12 @@ class LensConfig(Section):
 
 
 class CameraConfig(Section):
-    """The Follower's camera: driver by name, image format, exposure and its place ξ on the robot.
+    """The Follower's camera: driver, image format, exposure and mounting.
 
-    ``device`` says which one: the serial number (mindvision), ``/dev/video0`` (v4l2), a folder or video (replay);
-    empty: the only one there is.
-    ``mount_tilt_deg`` is how the camera is screwed on: pitch (up), roll (right side down), yaw (to the left).
-    ``calibration`` is the file of ``davpc calibrate camera`` that ``lens`` was taken from, beside the configuration;
-    ``davpc doctor`` compares the two, the camera and its age.
+    ``device`` is the serial number (mindvision), ``/dev/video0`` (v4l2), a folder or video (replay); empty: the only
+    one connected. ``mount_xyz_m`` is ξ, ``mount_tilt_deg`` pitch (up), roll (right side down) and yaw (to the left)
+    of the mounting. ``calibration`` is the file of ``davpc calibrate camera`` that ``lens`` was taken from, beside
+    the configuration; ``davpc doctor`` compares it with ``lens`` and with the camera, and checks its age.
     """
 
     driver: str
@@ -71,11 +70,15 @@ class CameraConfig(Section):
 
 
 class BrightnessConfig(Section):
-    """How bright one LED is in the image, from one look at it: what is far from it is no LED."""
+    """Expected brightness of an LED in the image; a spot that differs by more than ``factor`` is rejected."""
 
-    grey_per_us_at_1_m: Annotated[float, Field(gt=0, description="peak at 1 A, gain 1, on its axis, before clipping")]
-    speck_px: Annotated[float, Field(gt=0, le=20, description="over which its image falls to 1/e, along a row")]
-    factor: Annotated[float, Field(ge=2, description="up to which it may differ, both ways")]
+    grey_per_us_at_1_m: Annotated[
+        float, Field(gt=0, description="peak on the axis at 1 A and gain 1, before clipping")
+    ]
+    speck_px: Annotated[
+        float, Field(gt=0, le=20, description="distance along a row over which its image falls to 1/e")
+    ]
+    factor: Annotated[float, Field(ge=2, description="largest ratio to the expected brightness, and its inverse")]
 
 
 class LedsConfig(Section):
@@ -99,10 +102,10 @@ class LedsConfig(Section):
         centred = self.points - self.points.mean(axis=0)
         singular = np.linalg.svd(centred, compute_uv=False)
         if singular[1] < 0.05:
-            raise ValueError("the LEDs are collinear: the relative pose cannot be told from them")
+            raise ValueError("the LEDs are collinear: they do not determine the relative pose")
         for a, b in combinations(range(len(self.points)), 2):
             if np.linalg.norm(self.points[a] - self.points[b]) < 0.04:
-                raise ValueError(f"the LEDs {a} and {b} lie within 4 cm: from afar they are one spot")
+                raise ValueError(f"the LEDs {a} and {b} lie within 4 cm: from a distance they merge into one spot")
         if len(self.points) == 4:
             for three in combinations(range(4), 3):
                 _check_triangle(self.points[list(three)], three)
@@ -110,20 +113,20 @@ class LedsConfig(Section):
             raise ValueError("the LEDs are not coplanar: the homography of the paper does not exist")
         if mirror_deviation_m(self.points) < 0.05:
             raise ValueError(
-                "the LEDs are symmetric: in a pane of glass the mirror image looks like the array itself"
+                "the LEDs are symmetric: their mirror image in a pane of glass looks like the array itself"
             )
         return self
 
 
 def _check_triangle(corners: Array, rows: tuple[int, ...]) -> None:
-    """Of four LEDs any three must do when the other is hidden.
+    """Any three of four LEDs must determine the pose when the fourth is hidden.
 
     Raises:
         ValueError: one lies within 4 cm of the line through the other two.
     """
     longest = max(float(np.linalg.norm(corners[i] - corners[j])) for i, j in ((0, 1), (1, 2), (2, 0)))
     if float(np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]))) < 0.04 * longest:
-        raise ValueError(f"the LEDs {', '.join(map(str, rows))} are collinear: alone they tell no pose")
+        raise ValueError(f"the LEDs {', '.join(map(str, rows))} are collinear: alone they do not determine the pose")
 
 
 Quadruple = tuple[float, float, float, float]
@@ -132,10 +135,10 @@ Quadruple = tuple[float, float, float, float]
 class DisturbanceConfig(Section):
     """Disturbance states of the observer, in the order: speed gain, turn gain, yaw [rad/s], sideways [m/s]."""
 
-    walk: Annotated[Quadruple, Field(description="random walk while driving, per root second")]
-    onset_sigma: Annotated[Quadruple, Field(description="what a disturbance may be when one is detected")]
-    quiet_sigma: Annotated[Quadruple, Field(description="what it may be otherwise")]
-    bound: Annotated[Quadruple, Field(description="of the estimate")]
+    walk: Annotated[Quadruple, Field(description="random walk while driving, per √s")]
+    onset_sigma: Annotated[Quadruple, Field(description="σ of a disturbance once one is detected")]
+    quiet_sigma: Annotated[Quadruple, Field(description="σ of a disturbance otherwise")]
+    bound: Annotated[Quadruple, Field(description="bound of the estimate")]
 
 
 class EstimatorConfig(Section):
@@ -149,6 +152,6 @@ class EstimatorConfig(Section):
     identification_residual_px: Positive
     coast_ms: Positive
     pixel_sigma_px: Positive
-    process_noise: Annotated[tuple[float, float, float], Field(description="m, m, rad per root second")]
-    distance_noise: Annotated[float, Field(ge=0, description="m, m, rad per root metre driven")]
+    process_noise: Annotated[tuple[float, float, float], Field(description="x [m], y [m], θ [rad] per √s")]
+    distance_noise: Annotated[float, Field(ge=0, description="x [m], y [m], θ [rad] per √m driven")]
     disturbance: DisturbanceConfig

@@ -19,9 +19,9 @@ from common.geometry import features_at
 
 
 class Config(Section):
-    """Everything that both robots read. ``world`` belongs to the simulated backend, which checks it itself.
+    """The configuration of both robots. The simulation checks its own table, ``world``.
 
-    ``state_directory`` is where a robot keeps what outlives its processes: the queue's count, reports of attempts;
+    ``state_directory`` keeps what outlives the processes of a robot: the count of the queue, reports of attempts. If
     empty: systemd's, or the runtime directory.
     """
 
@@ -61,7 +61,7 @@ class Config(Section):
         pixels = camera.pinhole.to_pixels(features_at(self.leds.points, self.docking.goal(1), camera.mount))
         inside = (pixels >= 0) & (pixels <= [camera.width_px - 1, camera.height_px - 1])
         if not inside.all():
-            raise ValueError("at the goal of trolley 1 a LED lies outside the image: check camera.mount_xyz_m, leds")
+            raise ValueError("at the goal of trolley 1 an LED lies outside the image: check camera.mount_xyz_m, leds")
         if np.any(np.abs(camera.mount[2] - self.leds.points[:, 2]) < 0.02):
-            raise ValueError("a LED is as high as the camera (Δh = 0): its depth cannot be told")
+            raise ValueError("an LED is as high as the camera (Δh = 0): its depth cannot be determined")
         return self

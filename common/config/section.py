@@ -1,4 +1,4 @@
-"""What every table of the configuration shares: strictness and the types of its values."""
+"""Base class and value types of all tables of the configuration."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Every message: a frozen dataclass with units in its field names and a schema version, as MessagePack on the wire.
 
 On the wire a message is ``[schema, header, body, crc32]``. Decoding checks the schema and its version, every
-type and range, that every number is finite, and the end-to-end checksum; whatever fails is a ``MessageError``.
+type and range, that every number is finite, and the end-to-end checksum; a failure is a ``MessageError``.
 """
 
 from common.messages.fields import (

@@ -1,4 +1,4 @@
-"""The types of messages' fields, with their ranges, and the words that they may have."""
+"""Types of message fields: ranges of numbers, values of names."""
 
 from __future__ import annotations
 

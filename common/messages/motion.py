@@ -1,4 +1,4 @@
-"""What makes the Follower move, and what its drives and arms say."""
+"""What makes the Follower move, and what its drives and arms report."""
 
 from __future__ import annotations
 
@@ -15,56 +15,47 @@ from common.messages.fields import STRICT, Angle, ArmCause, Count, Ns, Phase, Po
 
 @dataclass(frozen=True, config=STRICT)
 class Mission:
-    """What the supervisor wants of the Follower's processes; while ``armed`` it is the arm token.
+    """Orders of the supervisor to the Follower's processes; while ``armed``, it is the arm token.
 
-    ``motion`` tells the controller: ``servo`` to the desired features, ``straight`` at ``straight_speed_m_s``,
-    ``turn`` in place at ``turn_rate_rad_s``, or ``hold``. The caps may only lower the configured limits. ``resets``
-    counts a person's requests to acknowledge faults; the bridge acts on a change while it is disarmed. ``cause`` is
-    why the docking ended (see :mod:`common.causes`), ``waiting`` what it waits for while it goes on;
-    ``needs_reset``: nothing begins before a person has reset it. In phase ``manual`` a
-    person's station commands the wheels: the arms stay where they are, the fingers do as ``grip`` says and the lift
-    goes to ``lift_m``, if any.
+    In the phase ``manual`` the operator's station commands the wheels: the arms stay where they are, the grippers
+    follow ``grip`` and the lift goes to ``lift_m``.
     """
 
     SCHEMA: ClassVar[str] = "mission/3"
     phase: Phase
-    cause: Text
-    trolley: Annotated[int, Field(ge=1, le=99)]
-    epoch: Count
+    cause: Text  # why the docking ended, see common.causes
+    trolley: Annotated[int, Field(ge=1, le=99)]  # K: its place in the queue, 1 is the first
+    epoch: Count  # of arming: commands of any other epoch are refused
     armed: bool
-    motion: Literal["hold", "servo", "straight", "turn"]
-    straight_speed_m_s: Speed
-    v_max_m_s: Annotated[float, Field(ge=0, le=1)]
+    motion: Literal["hold", "servo", "straight", "turn"]  # servo: to desired_features
+    straight_speed_m_s: Speed  # for motion "straight"
+    v_max_m_s: Annotated[float, Field(ge=0, le=1)]  # caps of this phase; they can only lower the configured limits
     w_max_rad_s: Annotated[float, Field(ge=0, le=2)]
-    goal_theta_rad: Angle
-    desired_features: Annotated[tuple[Point2, ...], Field(max_length=12)]
+    goal_theta_rad: Angle  # desired θ_L^F
+    desired_features: Annotated[tuple[Point2, ...], Field(max_length=12)]  # x*: normalised [α, β] of each LED
     grip: Literal["open", "closed", "stay"]
-    contact_expected: bool
-    resets: Count
-    waiting: Text = ""
-    needs_reset: bool = False
-    turn_rate_rad_s: Annotated[float, Field(ge=-2, le=2)] = 0.0
-    lift_m: Annotated[float, Field(ge=0, le=2)] | None = None
+    contact_expected: bool  # contact with guide or queue may begin now
+    resets: Count  # acknowledgements of faults by the operator; the bridge acts on a change while disarmed
+    waiting: Text = ""  # what the docking waits for while it goes on
+    needs_reset: bool = False  # no docking begins before the operator resets
+    turn_rate_rad_s: Annotated[float, Field(ge=-2, le=2)] = 0.0  # for motion "turn"
+    lift_m: Annotated[float, Field(ge=0, le=2)] | None = None  # height in phase "manual"; None: stay
 
 
 @dataclass(frozen=True, config=STRICT)
 class Command:
-    """A twist of {F} for the wheels.
-
-    Its age counts from ``stamp_ns``; ``capture_ns`` and ``frame_sequence`` name the image it came from.
-    ``checksum`` covers every other field end to end: make commands with :func:`seal_command`.
-    """
+    """A twist of {F} for the wheels. Make commands with :func:`seal_command`, which sets the checksum."""
 
     SCHEMA: ClassVar[str] = "command/1"
     v_m_s: Speed
     w_rad_s: Speed
-    epoch: Count
+    epoch: Count  # the mission's, for which it was made
     sequence: Count
-    stamp_ns: Ns
+    stamp_ns: Ns  # of publication: the command's age counts from here
     valid_until_ns: Ns
-    frame_sequence: Count
+    frame_sequence: Count  # the image that it comes from, and when that was taken
     capture_ns: Ns
-    checksum: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    checksum: Annotated[int, Field(ge=0, lt=2**32)] = 0  # CRC-32 over all other fields, end to end
 
 
 def command_checksum(command: Command) -> int:
@@ -90,62 +81,55 @@ def seal_command(command: Command) -> Command:
 
 @dataclass(frozen=True, config=STRICT)
 class ArmSetpoint:
-    """Torques of the six joints (left 1–3, right 1–3) and two grippers, and the lift's height."""
+    """Torques of joints and grippers, and the height of the lift."""
 
     SCHEMA: ClassVar[str] = "arm_setpoint/1"
     epoch: Count
-    joint_torque_n_m: Annotated[tuple[Torque, ...], Field(min_length=6, max_length=6)]
-    grip_torque_n_m: tuple[Torque, Torque]
+    joint_torque_n_m: Annotated[tuple[Torque, ...], Field(min_length=6, max_length=6)]  # left 1-3, right 1-3
+    grip_torque_n_m: tuple[Torque, Torque]  # left, right; positive closes
     lift_m: Annotated[float, Field(ge=0, le=2)]
 
 
 @dataclass(frozen=True, config=STRICT)
 class ArmState:
-    """What the arms feel: force along the handle, contact ahead, a rigid connection, what the grippers hold.
-
-    ``cause`` is what happened since the epoch began, for the supervisor to stop by: the trolley slipped from a
-    gripper, or a torque spiked. ``resistance_n`` is what the trolley resisted with before there was contact.
-    """
+    """What the arms detect from the joint torques, and the state of the grippers."""
 
     SCHEMA: ClassVar[str] = "arm_state/2"
-    handle_force_n: Annotated[float, Field(ge=-5000, le=5000)]
-    contact: bool
-    connected: bool
-    gripped: bool
-    released: bool
-    cause: ArmCause = "ok"
-    resistance_n: Annotated[float, Field(ge=-5000, le=5000)] = 0.0
+    handle_force_n: Annotated[float, Field(ge=-5000, le=5000)]  # push on the handle, along x of {F}
+    contact: bool  # the trolley touches guide or queue
+    connected: bool  # the connection is rigid
+    gripped: bool  # both grippers hold the handle
+    released: bool  # both grippers are open
+    cause: ArmCause = "ok"  # since the epoch began: slip from a gripper, or a collision; the supervisor stops
+    resistance_n: Annotated[float, Field(ge=-5000, le=5000)] = 0.0  # of the trolley before contact
 
 
 @dataclass(frozen=True, config=STRICT)
 class Drives:
-    """What the bus says, and what the gate let through to it.
+    """What the drives measure, and what the gate passed on to them.
 
-    ``v_set``/``w_set`` are what was last sent; ``command_sequence`` is the last command that was accepted and
-    ``image_to_can_ns`` the time from its image's capture to its first frame on the bus. ``gate_intervened`` names the
-    rules that the last of ``gate_interventions`` was for. In ``shadow`` (and read-only) the drives
-    are never enabled: ``state`` and what is set are as if they were, what is measured is measured.
+    In shadow and read-only operation the drives are never enabled: ``state`` and set-points are as if they were,
+    measurements are real.
     """
 
-    SCHEMA: ClassVar[str] = "drives/2"
+    SCHEMA: ClassVar[str] = "drives/3"
     state: Literal["starting", "disarmed", "enabling", "armed", "stopped", "fault"]
-    cause: Text
+    cause: Text  # of state "stopped" or "fault"
     epoch: Count
     measured_ns: Ns
-    wheel_speed_rad_s: tuple[float, float]
+    wheel_speed_rad_s: tuple[float, float]  # left, right
     wheel_angle_rad: tuple[float, float]
-    joint_torque_n_m: Annotated[tuple[Torque, ...], Field(min_length=6, max_length=6)]
+    joint_torque_n_m: Annotated[tuple[Torque, ...], Field(min_length=6, max_length=6)]  # left 1-3, right 1-3
     joint_angle_rad: Annotated[tuple[float, ...], Field(min_length=6, max_length=6)]
     grip_torque_n_m: tuple[Torque, Torque]
     grip_angle_rad: tuple[float, float]
     lift_m: float
-    stop_inputs_clear: bool
+    stop_inputs_clear: bool  # emergency stop and protective stop
     battery_v: Annotated[float, Field(ge=0, le=200)]
-    v_set_m_s: Speed
+    v_set_m_s: Speed  # the twist last sent to the wheels
     w_set_rad_s: Speed
-    command_sequence: Count
-    image_to_can_ns: Count
-    gate_rule: Text
-    gate_interventions: Count
-    shadow: bool = False
-    gate_intervened: Text = ""
+    command_sequence: Count  # last accepted command
+    image_to_can_ns: Count  # from its image's capture to its first frame on the bus
+    gate_interventions: Count  # how often the gate stopped, dropped or clipped something
+    shadow: bool = False  # shadow or read-only operation
+    gate_intervened: Text = ""  # rules of the last intervention

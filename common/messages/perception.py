@@ -12,16 +12,12 @@ from common.messages.fields import STRICT, Angle, Count, Metres, Ns, Point2, Sta
 
 @dataclass(frozen=True, config=STRICT)
 class Frame:
-    """One 8-bit grey image: the note that says in which slot of the frame ring its pixels lie.
-
-    ``capture_ns`` is the middle of the exposure. The pixels themselves never cross Zenoh (see
-    :mod:`common.frame_ring`).
-    """
+    """Note of one 8-bit grey image. Its pixels stay in shared memory, see :mod:`common.frame_ring`."""
 
     SCHEMA: ClassVar[str] = "frame/1"
     sequence: Annotated[int, Field(ge=1, lt=2**63)]
-    slot: Count
-    capture_ns: Ns
+    slot: Count  # of the frame ring
+    capture_ns: Ns  # middle of the exposure
     camera_id: Text
     width_px: Annotated[int, Field(ge=1, le=8192)]
     height_px: Annotated[int, Field(ge=1, le=8192)]
@@ -31,34 +27,25 @@ class Frame:
 
 @dataclass(frozen=True, config=STRICT)
 class DockingState:
-    """What the estimator knows of one frame.
-
-    ``features`` are the measured normalised coordinates [α, β] of the LEDs, by LED, None for one not seen;
-    ``features_filtered`` the same from the filtered pose. The pose is that of {L} in {F} at ``capture_ns``,
-    its covariance row by row (x [m], y [m], θ [rad]). ``theta_homography_rad`` is θ_L^F of the paper's
-    homography where that has a solution. ``disturbance`` is what the motion differs from the wheels by: relative
-    speed, relative turn, yaw [rad/s], sideways [m/s]. ``fit`` is the frame's own planar fit, unfiltered: x [m],
-    y [m], θ, camera pitch and roll [rad], with the covariance of x, y, θ in ``fit_covariance``. ``cause`` says
-    what was wrong with the frame; ``valid`` outlives it for as long as the estimator carries the pose on.
-    """
+    """What the estimator found in one frame. The relative pose is that of {L} in {F}."""
 
     SCHEMA: ClassVar[str] = "docking_state/1"
     frame_sequence: Count
     capture_ns: Ns
-    valid: bool
-    cause: StateCause
+    valid: bool  # the pose can be used; stays true while the estimator predicts through bad frames
+    cause: StateCause  # what was wrong with this frame
     leds_seen: Annotated[int, Field(ge=0, le=64)]
-    features: Annotated[tuple[Point2 | None, ...], Field(max_length=12)]
-    features_filtered: Annotated[tuple[Point2, ...], Field(max_length=12)]
-    theta_homography_rad: Angle | None
-    x_m: Metres
+    features: Annotated[tuple[Point2 | None, ...], Field(max_length=12)]  # measured [α, β] by LED; None: not seen
+    features_filtered: Annotated[tuple[Point2, ...], Field(max_length=12)]  # [α, β] by LED, from the filtered pose
+    theta_homography_rad: Angle | None  # θ_L^F of the paper's homography, where that has a solution
+    x_m: Metres  # filtered relative pose at capture_ns
     y_m: Metres
     theta_rad: Angle
-    covariance: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]
-    disturbance: tuple[float, float, float, float]
-    fit: tuple[Metres, Metres, Angle, Angle, Angle] | None
-    fit_covariance: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)] | None
-    residual_px: Annotated[float, Field(ge=0)]
-    spots: Count
-    frames_seen: Count
+    covariance: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]  # of x [m], y [m], θ [rad], by row
+    disturbance: tuple[float, float, float, float]  # speed gain, turn gain, yaw [rad/s], sideways [m/s]
+    fit: tuple[Metres, Metres, Angle, Angle, Angle] | None  # unfiltered: x, y [m], θ, camera pitch, roll [rad]
+    fit_covariance: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)] | None  # x, y, θ of fit; for logs
+    residual_px: Annotated[float, Field(ge=0)]  # of the fit
+    spots: Count  # found in the image
+    frames_seen: Count  # since the process started
     frames_dropped: Count

@@ -1,4 +1,4 @@
-"""What a person or a process asks another for, and the answer."""
+"""Requests of operators and processes, and the answer."""
 
 from __future__ import annotations
 
@@ -12,64 +12,57 @@ from common.messages.fields import STRICT, Ns, Outcome, Text
 
 @dataclass(frozen=True, config=STRICT)
 class DockRequest:
-    """A person or a program asks the supervisor; not carried out after ``expires_ns``, nor twice for one id."""
+    """A request to the supervisor, carried out once for each id."""
 
     SCHEMA: ClassVar[str] = "dock_request/1"
     id: Text
-    expires_ns: Ns
+    expires_ns: Ns  # not carried out after this
     action: Literal["start", "abort", "reset"]
-    trolley: Annotated[int, Field(ge=1, le=99)] = 1
+    trolley: Annotated[int, Field(ge=1, le=99)] = 1  # K: its place in the queue
 
 
 @dataclass(frozen=True, config=STRICT)
 class ManualRequest:
-    """A person wants to move the robot by hand: ``start`` arms the phase ``manual``, ``stop`` ends it.
-
-    It lasts only while commands of its epoch keep coming from whoever asked. ``lift_m`` None leaves the lift.
-    """
+    """The operator wants to move the robot by hand; ends as soon as commands of its epoch cease."""
 
     SCHEMA: ClassVar[str] = "manual_request/1"
     id: Text
-    expires_ns: Ns
-    action: Literal["start", "stop"]
+    expires_ns: Ns  # not carried out after this
+    action: Literal["start", "stop"]  # arms and ends the phase "manual"
     grip: Literal["open", "closed", "stay"] = "stay"
-    lift_m: Annotated[float, Field(ge=0, le=1)] | None = None
+    lift_m: Annotated[float, Field(ge=0, le=1)] | None = None  # None: the lift stays
 
 
 @dataclass(frozen=True, config=STRICT)
 class LockRequest:
-    """The supervisor or a person asks the Leader.
-
-    ``valid_for_ms`` counts from receipt: clocks of two robots never meet.
-    ``lock`` closes behind trolley 1, ``confirm`` asks whether the lock still holds now that ``trolley`` stands in the
-    queue, ``unlock`` lets a queue go and must be ``confirmed`` by a person, ``reset`` clears a lock fault, ``count``
-    says that ``trolley`` trolleys stand in the queue (0: none).
-    """
+    """A request of the supervisor or the operator to the Leader's lock."""
 
     SCHEMA: ClassVar[str] = "lock_request/2"
     id: Text
-    valid_for_ms: Annotated[int, Field(ge=1, le=60_000)]
+    valid_for_ms: Annotated[int, Field(ge=1, le=60_000)]  # from receipt: clocks of two robots are never compared
+    # lock: close behind trolley 1. confirm: is it still locked now that `trolley` stands in the queue?
+    # unlock: release the queue. reset: clear a lock fault. count: set the number of trolleys in the queue
     action: Literal["lock", "confirm", "unlock", "reset", "count"]
-    trolley: Annotated[int, Field(ge=0, le=99)] = 1
-    confirmed: bool = False
+    trolley: Annotated[int, Field(ge=0, le=99)] = 1  # for lock and confirm its place, for count the number (0: none)
+    confirmed: bool = False  # by the operator: required for unlock
 
 
 @dataclass(frozen=True, config=STRICT)
 class LedRequest:
-    """A person sets the current of one LED, or of all; 0 is off, None the configured current."""
+    """The operator sets the current of one LED or of all."""
 
     SCHEMA: ClassVar[str] = "led_request/1"
     id: Text
-    valid_for_ms: Annotated[int, Field(ge=1, le=60_000)]
-    led: Annotated[int, Field(ge=0, lt=12)] | None
-    current_a: Annotated[float, Field(ge=0, le=5)] | None
+    valid_for_ms: Annotated[int, Field(ge=1, le=60_000)]  # from receipt
+    led: Annotated[int, Field(ge=0, lt=12)] | None  # None: all
+    current_a: Annotated[float, Field(ge=0, le=5)] | None  # 0: off, None: as configured
 
 
 @dataclass(frozen=True, config=STRICT)
 class Answer:
-    """What became of the request with this id."""
+    """The outcome of a request."""
 
     SCHEMA: ClassVar[str] = "answer/1"
-    id: Text
+    id: Text  # of the request
     outcome: Outcome
     reason: Text

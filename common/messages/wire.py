@@ -14,18 +14,18 @@ from common.messages.fields import STRICT, Count, Ns
 
 
 class MessageError(ValueError):
-    """Bytes that are not the message they should be; the text says what is wrong with them."""
+    """Bytes that are not a valid message of the expected type; the text names the fault."""
 
 
 class Message(Protocol):
-    """What every message has: the name and version of its schema."""
+    """Every message has a schema: name and version."""
 
     SCHEMA: ClassVar[str]
 
 
 @dataclass(frozen=True, config=STRICT)
 class Header:
-    """Who published, when, and as which one of its messages.
+    """Who published the message, when, and its number on the channel.
 
     ``run_id`` changes with every start of the process; ``stamp_ns`` is CLOCK_MONOTONIC of boot ``boot_id``.
     """
@@ -62,10 +62,10 @@ def decode(message_type: type[M], payload: bytes) -> tuple[Header, M]:
 
     Raises:
         MessageError: other schema or version, wrong type, missing or unknown field, out of range, not finite,
-            or a checksum that does not fit.
+            or a wrong checksum.
     """
     if len(payload) > _MAX_BYTES:
-        raise MessageError(f"{len(payload)} bytes are more than any message has")
+        raise MessageError(f"{len(payload)} bytes are more than a message may have")
     try:
         unpacked = msgpack.unpackb(payload, use_list=False)
     except (ValueError, RecursionError, msgpack.UnpackException) as error:

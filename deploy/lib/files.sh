@@ -1,4 +1,4 @@
-# What is outside a release: units, devices, configuration. Read by install.sh.
+# Files outside a release: units, devices, configuration. Sourced by install.sh.
 # shellcheck shell=bash disable=SC2154 # its variables
 
 put() { # SOURCE DESTINATION: copy if different

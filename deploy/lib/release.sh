@@ -1,4 +1,4 @@
-# Releases on the disk: building, checking, removing. Read by install.sh.
+# Releases on disk: build, check, remove. Sourced by install.sh.
 # shellcheck shell=bash disable=SC2154 # its variables
 
 # pip, made quiet, of the environment $1

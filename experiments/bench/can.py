@@ -18,8 +18,9 @@ from typing import Any
 from common.canopen.bus import CanBus
 from common.canopen.node import CanopenNode, find_eds
 from common.config import BusConfig, Config, default_config_path, load_config
+from common.file_writer import write_json
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, Schedule
-from experiments.shared.results import configuration, write_json
+from experiments.shared.results import configuration
 from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.measurement import DriveSetpoint
 from sim.can.nodes import FollowerBus

@@ -23,10 +23,11 @@ import cv2
 import numpy as np
 
 from common.config import Config, default_config_path, load_config
+from common.file_writer import write_json
 from common.frame_ring import Image
 from common.geometry import Array, Pose2, features_at, move_relative
 from experiments.perception.approach import PERIOD_NS
-from experiments.shared.results import configuration, write_json
+from experiments.shared.results import configuration
 from follower.estimator.identification import Identifier, Limits
 from follower.estimator.lens import Lens
 from follower.estimator.pipeline import Perception

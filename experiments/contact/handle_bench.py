@@ -158,7 +158,6 @@ class ContactBench:
             w_set_rad_s=0.0,
             command_sequence=0,
             image_to_can_ns=0,
-            gate_rule="",
             gate_interventions=0,
         )
 

@@ -16,13 +16,14 @@ import cv2
 import numpy as np
 
 from common.config import Config, default_config_path, load_config
+from common.file_writer import write_json
 from common.frame_ring import Image
 from experiments.perception.approach import PERIOD_NS, Look, approach, features_px, stand, steer
 from experiments.perception.identification import CASES, identification_rates
 from experiments.perception.pose_bound import theta_errors
 from experiments.perception.scene_counts import BANDS_M, band_metrics, scene_metrics
 from experiments.shared.campaign import run_all
-from experiments.shared.results import configuration, write_json
+from experiments.shared.results import configuration
 from follower.estimator.state import StateEstimator
 from sim.optics.image import Optics
 from sim.optics.scenes import SCENES as SCENES

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from common.config import Config
+from common.file_writer import write_json
 
 HEADINGS = {
     "e_x_cm": "e_x cm",
@@ -27,23 +26,6 @@ HEADINGS = {
 def row(method: str, case: str, n: int, metrics: Mapping[str, float | None]) -> dict[str, Any]:
     """One row of results.json."""
     return {"method": method, "case": case, "n": n, "metrics": dict(metrics)}
-
-
-def json_ready(content: Any) -> Any:
-    """The same with null for every NaN and infinity: one run that never ended must not cost the others' results."""
-    if isinstance(content, Mapping):
-        return {key: json_ready(value) for key, value in content.items()}
-    if isinstance(content, (list, tuple)):
-        return [json_ready(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content
-
-
-def write_json(path: Path, content: dict[str, Any]) -> dict[str, Any]:
-    """Write ``content`` as strict JSON; returns what a reader of the file gets."""
-    text = json.dumps(json_ready(content), indent=1, ensure_ascii=False, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
-    written: dict[str, Any] = json.loads(text)
-    return written
 
 
 def configuration(config: Config) -> dict[str, Any]:

@@ -12,8 +12,8 @@ from common.canopen.frames import RPDO, CanFrame
 from common.config import BusConfig
 from common.timing import NS_PER_MS, NS_PER_S
 from sim.can.bus import SimulatedBus
-from sim.can.drive_402 import PowerState
 from sim.can.nodes import FollowerBus
+from sim.can.power_states import PowerState
 
 _CANARY_PERIOD_S = 0.002
 _CANARY_PRIORITY = 70

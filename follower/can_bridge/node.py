@@ -159,7 +159,6 @@ class CanBridgeNode(Node):
             w_set_rad_s=decision.w_rad_s,
             command_sequence=max(0, self._sequence),
             image_to_can_ns=self._image_to_can_ns,
-            gate_rule=decision.rule,
             gate_interventions=bridge.interventions,
             gate_intervened=",".join(bridge.intervened),
             shadow=self._shadow is not None or self._readonly,

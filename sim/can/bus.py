@@ -10,24 +10,24 @@ from sim.can.faults import BusFaults
 
 
 class BusNode(Protocol):
-    """What is connected to the bus."""
+    """A node on the bus."""
 
     node_id: int
 
     def handle(self, frame: CanFrame, now_ns: int) -> list[CanFrame]:
-        """React to a frame of somebody else."""
+        """React to a frame of the master; the frames that the node sends in return."""
 
     def tick(self, now_ns: int) -> list[CanFrame]:
-        """Do what is due at this time."""
+        """What the node sends by itself at this time."""
 
-    def stood_still(self, stall_ns: int) -> None:
-        """Not count a stall of the simulation as silence of others."""
+    def excuse_stall(self, stall_ns: int) -> None:
+        """Do not count a stall of the simulation as silence of the master."""
 
 
 class SimulatedBus:
-    """Nodes on one bus, without arbitration or delay; what goes wrong is what ``faults`` says.
+    """Nodes on one bus, with the faults that ``faults`` injects.
 
-    Simulated nodes do not hear one another.
+    Not modelled: arbitration, delay, frames from one simulated node to another.
     """
 
     def __init__(self, nodes: Sequence[BusNode]) -> None:
@@ -38,16 +38,16 @@ class SimulatedBus:
             raise ValueError("two nodes have the same id")
 
     def handle(self, frame: CanFrame, now_ns: int) -> list[CanFrame]:
-        """A frame from outside; the nodes' answers in the order of arbitration by node."""
+        """Deliver a frame of the master; the nodes' answers, ordered by node."""
         can_id, faulty = frame.can_id, self.faults.active
         if can_id in (NMT, SYNC) or can_id & 0x780 == HEARTBEAT:
             sent: list[CanFrame] = []
             for node in self.nodes:
-                if not faulty or self.faults.hears(node.node_id):
+                if not faulty or self.faults.reaches(node.node_id):
                     sent += node.handle(frame, now_ns)
         else:
             addressed = self._by_id.get(can_id & 0x7F)
-            if addressed is None or (faulty and not self.faults.hears(addressed.node_id)):
+            if addressed is None or (faulty and not self.faults.reaches(addressed.node_id)):
                 sent = []
             else:
                 sent = addressed.handle(frame, now_ns)
@@ -58,7 +58,7 @@ class SimulatedBus:
         sent = [frame for node in self.nodes for frame in node.tick(now_ns)]
         return self.faults.spoil(sent) if self.faults.active else sent
 
-    def stood_still(self, stall_ns: int) -> None:
-        """The simulation itself stood still."""
+    def excuse_stall(self, stall_ns: int) -> None:
+        """The simulation itself stalled: pass it on to every node."""
         for node in self.nodes:
-            node.stood_still(stall_ns)
+            node.excuse_stall(stall_ns)

@@ -1,7 +1,7 @@
 """A simulated CANopen device: dictionary, SDO server, NMT, heartbeats both ways, EMCY, mapped PDOs on SYNC (CiA 301).
 
-The dictionary and the SDO server are those of the ``canopen`` library; the rest it lacks. Not modelled: block
-transfer, event- and time-driven PDOs, COB-IDs other than the predefined connection set, LSS.
+Dictionary and SDO server are those of the ``canopen`` library, which lacks the rest. Not modelled: block transfer,
+event- and time-driven PDOs, COB-IDs other than the predefined connection set, LSS.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class CanopenDevice:
     """One device on a simulated bus. Subclasses give the objects their effect."""
 
     def __init__(self, node_id: int, eds: Path, serial: int = 0) -> None:
-        logging.getLogger("canopen").setLevel(logging.CRITICAL)  # it logs every transfer that it refuses
+        logging.getLogger("canopen").setLevel(logging.CRITICAL)  # the library logs each refused transfer
         self.node_id = node_id
         self.object_dictionary: Any = canopen.import_od(str(eds), node_id)
         self.values: dict[Key, int] = {}
@@ -63,7 +63,7 @@ class CanopenDevice:
         self._pending: dict[int, bytes] = {}
         self._now_ns = 0
         self._next_heartbeat_ns = 0
-        self._heard_ns: int | None = None
+        self._heartbeat_ns: int | None = None
         self.heartbeat_lost = False
         self.nmt_state = STATE_BOOT_UP
         make_server: Any = SdoServer
@@ -76,7 +76,7 @@ class CanopenDevice:
     # -- the bus side
 
     def handle(self, frame: CanFrame, now_ns: int) -> list[CanFrame]:
-        """React to a frame that somebody else sent; what the device sends in return, in order."""
+        """React to a frame of the master; the frames that the device sends in return, in order."""
         self.advance(now_ns)
         service, data = frame.can_id, frame.data
         if service == NMT:
@@ -89,13 +89,13 @@ class CanopenDevice:
             if self.nmt_state != STATE_STOPPED and len(data) == 8:
                 self._sdo.on_request(service, data, 0.0)
         elif service & 0x780 == HEARTBEAT:
-            self._hear(service & 0x7F)
+            self._take_heartbeat(service & 0x7F)
         elif self.nmt_state == STATE_OPERATIONAL:
             self._take_pdo(service, data)
         return self._flush()
 
     def tick(self, now_ns: int) -> list[CanFrame]:
-        """What the device sends by itself at this time: boot-up, heartbeat, emergencies."""
+        """Frames that the device sends by itself at this time: boot-up, heartbeat, emergencies."""
         self.advance(now_ns)
         if self.nmt_state == STATE_BOOT_UP:
             self._boot()
@@ -106,23 +106,23 @@ class CanopenDevice:
         return self._flush()
 
     def advance(self, now_ns: int) -> None:
-        """Let time pass up to ``now_ns``: watchdog first, then the device's own motion."""
+        """Advance to ``now_ns``: watchdog first, then the motion."""
         if now_ns <= self._now_ns:
             return
         elapsed_s = (now_ns - self._now_ns) * 1e-9 if self._now_ns else 0.0
         self._now_ns = now_ns
         watch_ms = self.values[0x1016, 1] & 0xFFFF
-        if self._heard_ns is not None and watch_ms and now_ns - self._heard_ns > watch_ms * NS_PER_MS:
-            self._heard_ns = None
+        if self._heartbeat_ns is not None and watch_ms and now_ns - self._heartbeat_ns > watch_ms * NS_PER_MS:
+            self._heartbeat_ns = None
             self.heartbeat_lost = True
             self.emergency(HEARTBEAT_LOST, _COMMUNICATION_ERROR)
             self._communication_lost()
         self.moved(elapsed_s)
 
-    def stood_still(self, stall_ns: int) -> None:
-        """The simulation itself stood still: that is no silence of the master."""
-        if self._heard_ns is not None:
-            self._heard_ns += stall_ns
+    def excuse_stall(self, stall_ns: int) -> None:
+        """The simulation itself stalled: extend the watchdog, since the master was not silent."""
+        if self._heartbeat_ns is not None:
+            self._heartbeat_ns += stall_ns
 
     def emergency(self, code: int, register: int) -> None:
         """Send an EMCY and set the error register (1001h)."""
@@ -149,7 +149,7 @@ class CanopenDevice:
     # -- dictionary, as the library's SDO server calls it
 
     def send_message(self, can_id: int, data: bytes) -> None:
-        """The SDO server's way out."""
+        """Send a frame of the SDO server."""
         self._outbox.append(CanFrame(can_id, bytes(data)))
 
     def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
@@ -162,7 +162,16 @@ class CanopenDevice:
         return self._texts[key] if key in self._texts else bytes(variable.encode_raw(self.values[key]))
 
     def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
-        """Write a number by SDO."""
+        """Write a number by SDO.
+
+        Args:
+            index, subindex: the object.
+            data: little-endian value, as long as the object's type.
+            check_writable: refuse objects that are read-only to a client.
+
+        Raises:
+            SdoAbortedError: no such object, read-only, wrong length, or out of range.
+        """
         variable = self._variable(index, subindex)
         if check_writable and not variable.writable:
             raise SdoAbortedError(_ABORT_READ_ONLY)
@@ -200,7 +209,7 @@ class CanopenDevice:
             self._pdos.configure(index, subindex, value)
         self.values[index, subindex] = value
         if index == 0x1016:
-            self._heard_ns, self.heartbeat_lost = None, False
+            self._heartbeat_ns, self.heartbeat_lost = None, False
         elif index == 0x1017:
             self._next_heartbeat_ns = self._now_ns
         self.written((index, subindex))
@@ -233,12 +242,12 @@ class CanopenDevice:
         self.values.update(kept)
         self.values[0x1018, 4] = serial
         self._pdos.clear()
-        self._heard_ns, self.heartbeat_lost = None, False
+        self._heartbeat_ns, self.heartbeat_lost = None, False
 
-    def _hear(self, node_id: int) -> None:
+    def _take_heartbeat(self, node_id: int) -> None:
         watched = self.values[0x1016, 1]
         if watched & 0xFFFF and watched >> 16 & 0x7F == node_id:
-            self._heard_ns = self._now_ns
+            self._heartbeat_ns = self._now_ns
             if self.heartbeat_lost:
                 self.heartbeat_lost = False
                 if not self.values.get((0x603F, 0)):  # nothing else is wrong

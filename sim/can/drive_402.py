@@ -1,39 +1,24 @@
 """A simulated CiA 402 drive: state machine, profile velocity, torque and position, ramps, encoder, watchdog reaction.
 
-It tells a plant what the motor is told and takes what the plant measured, both at the output shaft. Not modelled:
-current control, commutation, temperature; the torque limit is left to the plant. With homing configured
-the encoder is incremental: it counts from where the drive was switched on (:mod:`sim.can.drive_homing`).
+It gives the plant the motor's set-points and takes the plant's measurements, both at the output shaft; the state
+machine is in :mod:`sim.can.power_states`. With homing configured the encoder is incremental: it counts from where
+the drive was switched on (:mod:`sim.can.drive_homing`). Not modelled: current control, commutation, temperature; the
+plant applies the torque limit.
 """
 
 from __future__ import annotations
 
 import math
-from enum import Enum
 from pathlib import Path
 from typing import Literal
 
 from common.config import DriveConfig
-from sim.can.device import CanopenDevice
 from sim.can.drive_homing import HomingRun
 from sim.can.drive_profile import approach, ramp
 from sim.can.faults import EncoderFault
 from sim.can.pdo import Key
+from sim.can.power_states import PowerDrive, PowerState
 
-
-class PowerState(Enum):
-    """CiA 402 power drive system states; the value is the statusword's coding."""
-
-    SWITCH_ON_DISABLED = 0x40
-    READY_TO_SWITCH_ON = 0x21
-    SWITCHED_ON = 0x23
-    OPERATION_ENABLED = 0x27
-    QUICK_STOP_ACTIVE = 0x07
-    FAULT_REACTION_ACTIVE = 0x0F
-    FAULT = 0x08
-
-
-_POWERED = (PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE, PowerState.FAULT_REACTION_ACTIVE)
-_STAYS_IN_QUICK_STOP = (5, 6, 7, 8)
 UNDERVOLTAGE = 0x3220
 UNDERVOLTAGE_V = 18.0
 _REMOTE = 0x0200
@@ -46,26 +31,23 @@ Effort = Literal["none", "velocity", "torque", "position"]
 _EFFORTS: dict[int, Effort] = {1: "position", 3: "velocity", 4: "torque"}
 
 
-class Drive402(CanopenDevice):
+class Drive402(PowerDrive):
     """One drive. ``units_per_turn`` of the output shaft: 2π rad, or metres for a lead screw.
 
-    Where names say rad, a drive with another unit per turn means its own unit.
+    Names that end in rad stand for the drive's own unit where that is another.
     """
 
     def __init__(self, config: DriveConfig, eds: Path, units_per_turn: float = 2 * math.pi) -> None:
         super().__init__(config.node_id, eds, config.serial)
         self._counts_per_unit = config.counts_per_turn * config.gear_ratio * config.sign / units_per_turn
-        # raw counts are the shaft's place plus this; unknown until an incremental encoder is switched on
+        # encoder counts minus the shaft's; unknown until an incremental encoder is switched on
         self._offset: int | None = None if config.homing else config.zero_counts
         switch = config.homing.position * self._counts_per_unit if config.homing else 0.0
         self._homing = HomingRun(switch)
         self._permille_per_n_m = 1000.0 * config.sign / (config.rated_torque_n_m * config.gear_ratio)
         self.values[0x6076, 0] = round(config.rated_torque_n_m * 1000)
-        self.state = PowerState.SWITCH_ON_DISABLED
         self.voltage_v = 48.0
         self.encoder = EncoderFault()
-        self._after_ramp: PowerState | None = None
-        self._last_controlword = 0
         self._velocity = 0.0
         self._torque = 0.0
         self._position = 0.0
@@ -76,11 +58,6 @@ class Drive402(CanopenDevice):
         self._measured = (0.0, 0.0, 0.0)
 
     # -- the plant's side
-
-    @property
-    def enabled(self) -> bool:
-        """Whether the power stage drives the motor."""
-        return self.state in _POWERED
 
     @property
     def effort(self) -> Effort:
@@ -94,7 +71,7 @@ class Drive402(CanopenDevice):
 
     @property
     def velocity_setpoint_rad_s(self) -> float:
-        """Speed that the drive wants of the output shaft, after its ramp."""
+        """Speed set-point of the output shaft, after its ramp."""
         return self._velocity / self._counts_per_unit
 
     @property
@@ -109,13 +86,13 @@ class Drive402(CanopenDevice):
 
     @property
     def position_setpoint(self) -> float:
-        """Position of the output shaft: on its way to the target, or held where it was stopped."""
+        """Position set-point of the output shaft: on its profile, or held where it was stopped."""
         mode = self.values[0x6061, 0]
         held = self.state is not PowerState.OPERATION_ENABLED or mode not in _POSITION_MODES
         return self._hold if held else self._position / self._counts_per_unit
 
     def set_measured(self, position_rad: float, velocity_rad_s: float, torque_n_m: float) -> None:
-        """What the plant's output shaft does; the encoder quantises it."""
+        """Take the motion of the plant's output shaft; the encoder quantises it."""
         self._measured = (position_rad, velocity_rad_s, torque_n_m)
 
     # -- the device's side
@@ -126,7 +103,7 @@ class Drive402(CanopenDevice):
             self.trip(UNDERVOLTAGE, 0x04)
         if not self.enabled or elapsed_s <= 0.0:
             return
-        stopping = self.state is not PowerState.OPERATION_ENABLED or self._after_ramp is not None
+        stopping = self.stopping
         mode = self.values[0x6061, 0]
         if mode == 3:
             self._move_velocity(stopping, elapsed_s)
@@ -136,13 +113,12 @@ class Drive402(CanopenDevice):
             self._move_position(elapsed_s)
         elif mode == 6 and not stopping:
             self._move_homing(elapsed_s)
-        if self._after_ramp is not None and (mode != 3 or self._velocity == 0.0):
-            self._enter(self._after_ramp)
+        self.finish_stop()
 
     def written(self, key: Key) -> None:
         """Act on controlword, mode and targets."""
         if key == (0x6040, 0):
-            self._obey(self.values[key])
+            self.obey(self.values[key])
         elif key == (0x6060, 0) and self.values[key] in (0, 1, 3, 4, 6):
             self.values[0x6061, 0] = self.values[key]
 
@@ -160,112 +136,39 @@ class Drive402(CanopenDevice):
         values[0x6079, 0] = round(self.voltage_v * 1000)
         values[0x6041, 0] = self._statusword()
 
-    def heartbeat_missed(self) -> None:
-        """Abort connection option code (6007h): 1 fault, 2 disable voltage, 3 quick stop."""
-        option = self.values[0x6007, 0]
-        if option == 1:
-            self.trip(0x8130)
-        elif option == 2 and self.enabled:
-            self._enter(PowerState.SWITCH_ON_DISABLED)
-        elif option == 3 and self.state is PowerState.OPERATION_ENABLED:
-            self._quick_stop()
+    # -- the state machine's side
 
-    def stopped(self) -> None:
-        """Out of NMT operational no set-point can come any more: quick stop."""
-        if self.state is PowerState.OPERATION_ENABLED:
-            self._quick_stop()
+    @property
+    def ramping(self) -> bool:
+        """Only the velocity set-point has a ramp to zero."""
+        return self.values[0x6061, 0] == 3 and self._velocity != 0.0
 
-    def trip(self, code: int, register: int = 0x01) -> None:
-        """A fault of the drive itself: EMCY, fault reaction, then fault until it is reset."""
-        self.values[0x603F, 0] = code
-        self.emergency(code, register)
-        if self.enabled:
-            self._stop_into(PowerState.FAULT_REACTION_ACTIVE, PowerState.FAULT)
-        else:
-            self._enter(PowerState.FAULT)
-
-    # -- state machine
-
-    def _obey(self, word: int) -> None:
-        """CiA 402 table "command coding"; a command that the state does not know is ignored."""
-        rising_reset = word & 0x80 and not self._last_controlword & 0x80
-        self._last_controlword = word
-        if rising_reset and self.state is PowerState.FAULT:
-            self.values[0x603F, 0] = 0
-            self.emergency(0x0000, 0x00)
-            self._enter(PowerState.SWITCH_ON_DISABLED)
-        elif word & 0x02 == 0:
-            self._disable_voltage()
-        elif word & 0x04 == 0:
-            self._command_quick_stop()
-        elif word & 0x01 == 0:
-            self._shutdown()
-        elif word & 0x08 == 0:
-            self._switch_on()
-        else:
-            self._enable_operation(word)
-
-    def _disable_voltage(self) -> None:
-        if self.state not in (PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE):
-            self._enter(PowerState.SWITCH_ON_DISABLED)
-
-    def _command_quick_stop(self) -> None:
-        if self.state in (PowerState.READY_TO_SWITCH_ON, PowerState.SWITCHED_ON):
-            self._enter(PowerState.SWITCH_ON_DISABLED)
-        elif self.state is PowerState.OPERATION_ENABLED:
-            self._quick_stop()
-
-    def _shutdown(self) -> None:
-        if self.state in (PowerState.SWITCH_ON_DISABLED, PowerState.SWITCHED_ON, PowerState.OPERATION_ENABLED):
-            self._enter(PowerState.READY_TO_SWITCH_ON)
-
-    def _switch_on(self) -> None:
-        if self.state is PowerState.READY_TO_SWITCH_ON:
-            self._enter(PowerState.SWITCHED_ON)
-        elif self.state is PowerState.OPERATION_ENABLED and self._after_ramp is None:
-            ramped = self.values[0x605C, 0] == 1
-            self._after_ramp = PowerState.SWITCHED_ON
-            if not ramped or self.values[0x6061, 0] != 3 or self._velocity == 0.0:
-                self._enter(PowerState.SWITCHED_ON)
-
-    def _enable_operation(self, word: int) -> None:
-        if self.state is PowerState.READY_TO_SWITCH_ON:
-            self._enter(PowerState.SWITCHED_ON)
-        resumable = self.state is PowerState.QUICK_STOP_ACTIVE and self.values[0x605A, 0] in _STAYS_IN_QUICK_STOP
-        if resumable or self.state is PowerState.SWITCHED_ON:
-            self._start()
-        elif self.state is PowerState.OPERATION_ENABLED:
-            self._after_ramp = None
-        if self.state is PowerState.OPERATION_ENABLED and self.values[0x6061, 0] == 1:
-            self._take_setpoint(word)
-        elif self.state is PowerState.OPERATION_ENABLED and self.values[0x6061, 0] == 6:
-            self._take_homing(word)
-
-    def _start(self) -> None:
-        """Into operation enabled: every profile begins where the shaft is."""
+    def begin(self) -> None:
+        """Every profile begins where the shaft is."""
         position, velocity, _ = self._measured
         self._velocity = velocity * self._counts_per_unit
         self._torque = 0.0
         self._position, self._position_speed = position * self._counts_per_unit, 0.0
         self._goal, self._acknowledged = None, False
-        self._enter(PowerState.OPERATION_ENABLED)
 
-    def _quick_stop(self) -> None:
-        stays = self.values[0x605A, 0] in _STAYS_IN_QUICK_STOP
-        self._stop_into(PowerState.QUICK_STOP_ACTIVE, None if stays else PowerState.SWITCH_ON_DISABLED)
-
-    def _stop_into(self, state: PowerState, after: PowerState | None) -> None:
-        self._enter(state)
-        self._after_ramp = after
+    def hold(self) -> None:
+        """Hold the shaft where it is, without torque."""
         self._hold = self._measured[0]
         self._torque = 0.0
 
-    def _enter(self, state: PowerState) -> None:
-        self.state = state
-        self._after_ramp = None
+    def entered(self) -> None:
+        """A change of state ends homing; without power nothing is commanded."""
         self._homing.stop()
         if not self.enabled:
             self._velocity = self._torque = 0.0
+
+    def take_mode_bits(self, word: int) -> None:
+        """Bit 4 starts a positioning or homing."""
+        mode = self.values[0x6061, 0]
+        if mode == 1:
+            self._take_setpoint(word)
+        elif mode == 6:
+            self._take_homing(word)
 
     # -- profiles, in counts and per mille
 
@@ -310,7 +213,7 @@ class Drive402(CanopenDevice):
         self._set_home()
 
     def _set_home(self) -> None:
-        """Home found: the counter is zero where the shaft is."""
+        """Once home is found: zero the counter where the shaft is."""
         if self._homing.phase == "done":
             self._offset = -round(self._measured[0] * self._counts_per_unit)
 

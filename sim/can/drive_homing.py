@@ -1,7 +1,7 @@
-"""Homing inside a simulated drive (CiA 402 mode 6): an incremental encoder that knows nothing until it is homed.
+"""Homing inside a simulated drive (CiA 402 mode 6), for incremental encoders, whose position is unknown until then.
 
-Methods 17 and 18 run into the negative or positive limit switch and take the edge at which it lets go, on the way
-back; 35 and 37 take the place where the axis stands. Not modelled: index pulses, home switches, other methods.
+Methods 17 and 18 run into the negative or positive limit switch and home on its edge while backing off; 35 and 37
+home at the current position. Not modelled: index pulses, home switches, other methods.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ _HERE = (35, 37)
 
 
 class HomingRun:
-    """All in counts of the motor's own direction. ``switch`` is where the limit switch trips."""
+    """All in counts, in the motor's own direction. ``switch`` is where the limit switch trips."""
 
     def __init__(self, switch: float) -> None:
         self._switch = switch
-        self._way = 0.0
+        self._direction = 0.0
         self.phase: HomingPhase = "idle"
 
     @property
@@ -27,22 +27,28 @@ class HomingRun:
         return self.phase in ("search", "back")
 
     def start(self, method: int) -> None:
-        """Bit 4 of the controlword rose."""
-        self._way = _TO_SWITCH.get(method, 0.0)
-        self.phase = "done" if method in _HERE else "search" if self._way else "error"
+        """Bit 4 of the controlword rose: begin homing by ``method`` (6098h)."""
+        self._direction = _TO_SWITCH.get(method, 0.0)
+        self.phase = "done" if method in _HERE else "search" if self._direction else "error"
 
     def stop(self) -> None:
-        """Bit 4 fell, or the drive left operation: what was found stays found."""
+        """Bit 4 fell, or the drive left operation: stop; a home already found stays valid."""
         if self.running:
             self.phase = "idle"
 
     def step(self, setpoint: float, measured: float, fast: float, slow: float, elapsed_s: float) -> float:
-        """The next position set-point."""
-        pressed = (measured - self._switch) * self._way >= 0.0
+        """The next position set-point [counts].
+
+        Args:
+            setpoint, measured: current position set-point and measured position [counts].
+            fast, slow: speeds towards the switch and back from it [counts/s].
+            elapsed_s: time since the last step.
+        """
+        pressed = (measured - self._switch) * self._direction >= 0.0
         if self.phase == "search" and pressed:
             self.phase = "back"
         elif self.phase == "back" and not pressed:
             self.phase = "done"
             return measured
-        way, speed = (self._way, fast) if self.phase == "search" else (-self._way, slow)
-        return setpoint + way * speed * elapsed_s
+        direction, speed = (self._direction, fast) if self.phase == "search" else (-self._direction, slow)
+        return setpoint + direction * speed * elapsed_s

@@ -1,4 +1,4 @@
-"""Profiles inside a simulated drive: how its set-points move between what the master asks for."""
+"""Profiles inside a simulated drive: how its set-points move to the master's targets."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ import math
 
 
 def ramp(value: float, target: float, acceleration: float, deceleration: float, elapsed_s: float) -> float:
-    """``value`` moved towards ``target``: away from zero by ``acceleration``, towards zero by ``deceleration``.
+    """``value`` moved towards ``target``; through a change of sign it slows down to zero first.
 
-    A change of sign slows down to zero first; all per second, in the value's unit.
+    Args:
+        value, target: set-point and its target, in any unit.
+        acceleration: rate away from zero, per second.
+        deceleration: rate towards zero, per second.
+        elapsed_s: time since the last step.
     """
     remaining_s = elapsed_s
     if value * target < 0.0:
@@ -24,7 +28,15 @@ def ramp(value: float, target: float, acceleration: float, deceleration: float, 
 def approach(
     position: float, speed: float, target: float, limit: float, acceleration: float, elapsed_s: float
 ) -> tuple[float, float]:
-    """Position and speed of a trapezoidal profile after ``elapsed_s``; it arrives without overshoot."""
+    """Position and speed of a trapezoidal profile after one step; it arrives without overshoot.
+
+    Args:
+        position, speed: now; in the drive's unit, and per second.
+        target: where the profile ends.
+        limit: largest speed.
+        acceleration: of the profile, also for braking.
+        elapsed_s: time since the last step.
+    """
     distance = target - position
     allowed = min(limit, math.sqrt(2.0 * acceleration * abs(distance)))
     speed = ramp(speed, math.copysign(allowed, distance), acceleration, acceleration, elapsed_s)

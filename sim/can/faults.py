@@ -1,4 +1,4 @@
-"""Faults of wires, nodes and encoders that a campaign switches on and off at a simulated bus."""
+"""Faults of wiring, nodes and encoders, injected into a simulated bus."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from common.canopen.frames import BUS_OFF, ERROR_FLAG, CanFrame
 
 @dataclass
 class BusFaults:
-    """What is wrong with a bus; the default is nothing.
+    """Faults of a bus; none by default.
 
-    ``silent`` nodes neither hear nor speak. ``truncated`` nodes' frames lose their last byte; ``replayed`` nodes'
-    frames come twice. ``bus_off``: the master's controller reports bus-off, and nothing passes any more.
-    ``injected`` frames are sent once, at the next opportunity.
+    ``silent`` nodes neither receive nor send. Frames of ``truncated`` nodes lose their last byte, frames of
+    ``replayed`` nodes arrive twice. ``bus_off``: the master's controller reports bus-off, and no frame passes.
+    ``injected`` frames are sent once, with the next frames.
     """
 
     silent: set[int] = field(default_factory=set)
@@ -25,15 +25,15 @@ class BusFaults:
 
     @property
     def active(self) -> bool:
-        """Whether anything is to be done at all."""
+        """Whether there is any fault."""
         return bool(self.silent or self.truncated or self.replayed or self.bus_off or self.injected)
 
-    def hears(self, node_id: int) -> bool:
+    def reaches(self, node_id: int) -> bool:
         """Whether frames reach this node."""
         return not self.bus_off and node_id not in self.silent
 
     def spoil(self, frames: Iterable[CanFrame]) -> list[CanFrame]:
-        """What of the nodes' frames arrives."""
+        """The frames that arrive, of those that the nodes send."""
         if self.bus_off:
             return [CanFrame(ERROR_FLAG | BUS_OFF, bytes(8))]
         arriving = list(self.injected)
@@ -49,9 +49,9 @@ class BusFaults:
 
 @dataclass
 class EncoderFault:
-    """How an encoder lies: a jump of so many output units, its speed stuck at a value, its sign turned.
+    """Faults of an encoder: ``jump`` in output units, speed ``stuck_at`` a value, ``inverted`` sign.
 
-    A turned sign counts backwards from where the shaft is when it turns.
+    An inverted encoder counts backwards from where the shaft was when the sign changed.
     """
 
     jump: float = 0.0
@@ -60,7 +60,7 @@ class EncoderFault:
     _turned_at: float | None = field(default=None, init=False)
 
     def read(self, position: float, velocity: float) -> tuple[float, float]:
-        """What the drive believes, from position and speed of the output shaft."""
+        """Position and speed as the drive reads them, from those of the output shaft."""
         seen = velocity if self.stuck_at is None else self.stuck_at
         if not self.inverted:
             return position + self.jump, seen

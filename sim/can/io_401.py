@@ -1,4 +1,4 @@
-"""A simulated CiA 401 I/O module: digital and analogue inputs that the world sets, outputs that the world reads.
+"""A simulated CiA 401 I/O module: the world sets its digital and analogue inputs and reads its outputs.
 
 Not modelled: filters, polarity, interrupts, the analogue error values (6444h).
 """
@@ -21,11 +21,11 @@ class IoModule401(CanopenDevice):
         self.values[0x6401, channel] = max(-32768, min(32767, counts))
 
     def digital_output(self, bit: int) -> bool:
-        """Output ``bit`` of 6200h:01 as it stands at the terminal."""
+        """Output ``bit`` of 6200h:01 at the terminal."""
         return bool(self.values[0x6200, 1] >> bit & 1)
 
     def analogue_output(self, channel: int) -> int:
-        """Output ``channel`` of 6411h as it stands at the terminal."""
+        """Output ``channel`` of 6411h at the terminal."""
         return self.values[0x6411, channel]
 
     def heartbeat_missed(self) -> None:

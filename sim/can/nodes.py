@@ -1,4 +1,4 @@
-"""Who is on the two simulated buses, by the same configuration from which the robots are built."""
+"""Nodes on the two simulated CAN buses, built from the configuration of the robots."""
 
 from __future__ import annotations
 
@@ -48,16 +48,16 @@ class FollowerBus:
 
     @cached_property
     def bus(self) -> SimulatedBus:
-        """The bus that they are on."""
+        """The bus with these nodes."""
         return SimulatedBus((*self.drives, self.io))
 
     def set_stop_inputs(self, estop_clear: bool, protective_clear: bool) -> None:
-        """The wired stop circuits."""
+        """Set the inputs of the wired stop circuits."""
         self.io.set_digital_input(0, estop_clear)
         self.io.set_digital_input(1, protective_clear)
 
     def set_battery(self, volts: float) -> None:
-        """Battery voltage as the module measures it."""
+        """Set the battery voltage that the module measures."""
         self.io.set_analogue_input(1, round(volts / BATTERY_V_PER_COUNT))
 
 
@@ -74,7 +74,7 @@ class LeaderBus:
 
     @cached_property
     def bus(self) -> SimulatedBus:
-        """The bus that it is on."""
+        """The bus with this module."""
         return SimulatedBus((self.io,))
 
     def led_setpoint_a(self, led: int) -> float:
@@ -83,7 +83,7 @@ class LeaderBus:
 
     @property
     def actuator(self) -> int:
-        """What the actuator is told: 1 extend, −1 retract, 0 nothing or both."""
+        """Command of the actuator: 1 extend, −1 retract, 0 neither or both."""
         return int(self.io.digital_output(0)) - int(self.io.digital_output(1))
 
     def set_led_current(self, led: int, current_a: float) -> None:
@@ -95,6 +95,10 @@ class LeaderBus:
         self.io.set_analogue_input(5, round(current_a * 1000.0))
 
     def set_switches(self, guide_lifted: bool, beam_seated: bool, lock_extended: bool, lock_retracted: bool) -> None:
-        """The four limit switches."""
+        """Set the four limit switches.
+
+        Args:
+            guide_lifted, beam_seated, lock_extended, lock_retracted: whether each is closed.
+        """
         for bit, on in enumerate((guide_lifted, beam_seated, lock_extended, lock_retracted)):
             self.io.set_digital_input(bit, on)

@@ -1,10 +1,10 @@
 """Simulated buses behind a TCP socket, in the protocol that python-can's ``socketcand`` interface speaks.
 
-One thread serves every client. A frame that a client sends is seen by the nodes of its bus and by that bus's other
-clients; what nodes send, every client of the bus sees. Not modelled: arbitration, bit timing, error counters.
+One thread serves every client. A client's frame goes to the nodes of its bus and to the other clients of that bus;
+a node's frame goes to every client of its bus. Not modelled: arbitration, bit timing, error counters.
 
-A drive of metal goes on while this computer stands still. Simulated nodes that stood still themselves are late, but
-their watchdogs do not take that for a silence of their master.
+A real drive keeps running while this computer stalls. Simulated nodes stall with it and are late afterwards; their
+watchdogs do not count the stall as silence of the master.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _log = logging.getLogger("world")
 
 @dataclass
 class _Client:
-    """One connection. It is sent no frame until it has surely read the answer to ``rawmode``: it mixes the two."""
+    """One connection. It gets no frame until it has read the answer to ``rawmode``: python-can confuses the two."""
 
     link: socket.socket
     bus: str | None = None
@@ -43,8 +43,8 @@ class _Client:
 class CanServer:
     """Serves buses on a listening socket, from :meth:`start` to :meth:`stop`.
 
-    ``before`` runs before any frame is handled and at every tick, with the time, under ``lock``: the plant is brought
-    up to date there. Who touches nodes from another thread takes the same lock.
+    ``before`` brings the plant up to date: it runs under ``lock``, with the time, before any frame is handled and at
+    every tick. Other threads take the same lock before they touch a node.
     """
 
     def __init__(
@@ -122,14 +122,14 @@ class CanServer:
         return True
 
     def _excuse(self, now_ns: int) -> None:
-        """Let the nodes know for how long they stood still, before they hear what came meanwhile."""
+        """Tell the nodes how long they stalled, before they get the frames that came meanwhile."""
         late_ns = now_ns - self._next_tick_ns
         if not self._next_tick_ns or late_ns < _STALL_NS:
             return
-        _log.warning("the simulated drives stood still for %d ms", late_ns // NS_PER_MS)
+        _log.warning("the simulated drives stalled for %d ms", late_ns // NS_PER_MS)
         with self.lock:
             for bus in self._buses.values():
-                bus.stood_still(late_ns)
+                bus.excuse_stall(late_ns)
 
     def _accept(self) -> None:
         link, _ = self._listener.accept()
@@ -204,7 +204,7 @@ class CanServer:
                 client.outgoing += text
 
     def _write(self, client: _Client) -> None:
-        """Send what fits; a client that does not read for so long that a megabyte piles up is dropped."""
+        """Send what fits; drop a client once a megabyte waits for it."""
         if not client.outgoing:
             return
         try:

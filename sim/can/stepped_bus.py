@@ -15,7 +15,8 @@ from sim.can.bus import SimulatedBus
 class SteppedChannel:
     """A simulated bus under a channel name, for as long as the ``with`` block lasts.
 
-    Every client hears the nodes and the other clients, at once. ``tick`` lets the nodes do what is due.
+    Every client receives the frames of the nodes and of the other clients, at once. ``tick`` runs what the nodes do
+    by themselves.
     """
 
     _open: ClassVar[dict[str, SteppedChannel]] = {}
@@ -62,7 +63,7 @@ class SteppedChannel:
         self._clients.remove(client)
 
     def transmit(self, frame: CanFrame, sender: SteppedBus) -> None:
-        """A client's frame: to the nodes, whose answers everybody hears, and to the other clients."""
+        """Deliver a client's frame to the other clients and to the nodes, whose answers go to every client."""
         if len(self._clients) > 1:
             self._deliver([frame], sender)
         self._deliver(self._bus.handle(frame, self._now_ns()), None)
@@ -76,7 +77,7 @@ class SteppedChannel:
 
 
 class SteppedBus(can.BusABC):
-    """The client's end; receiving never blocks, since no time passes while anybody waits."""
+    """The client's end; receiving never blocks, since no time passes during a wait."""
 
     def __init__(self, channel: str, **_: Any) -> None:
         self.inbox: deque[CanFrame] = deque(maxlen=65536)
@@ -86,7 +87,7 @@ class SteppedBus(can.BusABC):
         super().__init__(channel)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Hand the frame to the simulated bus, which has answered when this returns."""
+        """Send a frame; the answers of the nodes have arrived when this returns."""
         del timeout
         if self._link is None:
             raise can.CanOperationError("the simulation has ended")
@@ -104,7 +105,7 @@ class SteppedBus(can.BusABC):
         return can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False), True
 
     def unplug(self) -> None:
-        """The simulation is over: sending and waiting fail from now on."""
+        """The simulation has ended: sending and receiving fail from now on."""
         self._link = None
 
     def shutdown(self) -> None:

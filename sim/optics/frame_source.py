@@ -1,4 +1,4 @@
-"""The simulated camera: renders in the camera process what the world message says, one frame per exposure."""
+"""The simulated camera: renders one frame per exposure in the camera process, from the world message."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from sim.world_message import WORLD
 
 
 class SimulatedFrameSource:
-    """A frame source whose light is computed; exposure and gain come from the configuration.
+    """A frame source that renders its images; exposure and gain come from the configuration.
 
-    Another exposure makes the light stronger or weaker; its motion blur stays that of the configured one.
+    Not modelled: another motion blur when :meth:`expose` changes the exposure; only the brightness changes.
     """
 
     trigger = Trigger(wakes=(WORLD,))
@@ -28,7 +28,7 @@ class SimulatedFrameSource:
         self._camera = context.config.camera
         world = world_config(context.config, str(context.config_path))
         self._optics = Optics(self._camera, context.config.leds, world.seed)
-        # the world tilts the camera where the floor is uneven
+        # the plant already tilts the camera by the uneven floor
         self._scene = self._named = replace(named_scene(world.scene, world.seed), shake_rad=(0.0, 0.0))
         self._exposure_us = self._camera.exposure_us
 
@@ -36,32 +36,38 @@ class SimulatedFrameSource:
         """Nothing to open."""
 
     def grab(self, now_ns: int, inputs: Inbox, image: Image) -> Capture | None:  # noqa: ARG002 - light has its own time
-        """Render the newest exposure if there is one since the last step."""
+        """Render the newest exposure, if one came since the last step.
+
+        Args:
+            now_ns: not used; the world message carries its own time.
+            inputs: with the world message.
+            image: (height, width) uint8, written in place.
+        """
         world = inputs.arrived(WORLD)
         if world is None:
             return None
-        relative = Pose2(world.x_m, world.y_m, world.theta_rad).inverse()
+        leader_in_follower = Pose2(world.x_m, world.y_m, world.theta_rad).inverse()
         view = View(
-            world.sequence,
-            relative,
-            world.led_current_a,
-            world.pitch_rad,
-            world.roll_rad,
-            world.v_m_s,
-            world.w_rad_s,
-            # counted from the world's start, so that lamps and walkers do the same in every run
-            round(world.sequence * NS_PER_S / self._camera.rate_hz),
-            self._seen_past(world.occluders),
+            frame_sequence=world.sequence,
+            relative=leader_in_follower,
+            led_currents_a=world.led_current_a,
+            pitch_rad=world.pitch_rad,
+            roll_rad=world.roll_rad,
+            v_m_s=world.v_m_s,
+            w_rad_s=world.w_rad_s,
+            # counted from the world's start: lamps and walkers repeat in every run
+            time_ns=round(world.sequence * NS_PER_S / self._camera.rate_hz),
+            scene=self._with_occluders(world.occluders),
         )
         self._optics.render(image, view)
         return Capture(world.time_ns, self._exposure_us, self._camera.gain, "simulated")
 
     def expose(self, exposure_us: float) -> None:
-        """From the next frame on."""
+        """Expose for ``exposure_us`` from the next frame on."""
         factor = self._named.exposure_factor * exposure_us / self._camera.exposure_us
         self._scene, self._exposure_us = replace(self._named, exposure_factor=factor), exposure_us
 
-    def _seen_past(self, occluders: tuple[tuple[float, float, float], ...]) -> Scene:
+    def _with_occluders(self, occluders: tuple[tuple[float, float, float], ...]) -> Scene:
         if not occluders:
             return self._scene
         standing = tuple(Walker((x, y), (0.0, 0.0), 0.0, radius) for x, y, radius in occluders)

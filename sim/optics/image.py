@@ -6,7 +6,7 @@ and one over the squared distance; the sensor clips at 255. Shot noise belongs t
 from a bank of dark frames.
 
 Not modelled: glow of the filter at steep angles, rolling shutter, hot pixels, lens vignetting and blooming.
-This is the plant's own optics: it shares nothing with the estimator's projection but the configuration.
+These optics share nothing with the estimator's projection but the configuration.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ Images = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class View:
-    """One exposure: its number, pose of {L} in {F}, LED currents, the camera's tilt and the Follower's twist.
+    """One exposure: its number, LED currents, the camera's tilt, the Follower's twist and the scene.
 
-    Pitch is positive where the camera looks up, roll where its right side sinks; both away from its mounting.
-    ``time_ns`` is the instant at which the scene's lamps, walkers and faults are looked at.
+    ``relative`` is the pose of {L} in {F}. Pitch is positive upwards, roll with the right side down; both add to the
+    mounting's. ``time_ns`` is the time of the scene's lamps, walkers and faults.
     """
 
     frame_sequence: int
@@ -81,7 +81,11 @@ class Optics:
         self._banks: dict[float, Images] = {0.0: np.clip(np.rint(dark), 0, 255).astype(np.uint8)}
 
     def render(self, out: Image, view: View) -> None:
-        """Write the frame of ``view`` into ``out``, (height, width) uint8.
+        """Render a frame.
+
+        Args:
+            out: (height, width) uint8, written in place.
+            view: the exposure.
 
         Raises:
             ValueError: ``out`` is not of the camera's size.
@@ -97,7 +101,7 @@ class Optics:
             _draw(out, speck, draws)
 
     def specks(self, view: View) -> list[Speck]:
-        """Specks of all lights before the camera that nothing hides, also where they lie outside the image."""
+        """Specks of all unobstructed lights in front of the camera, including those outside the image."""
         start, end, peaks = self._lit(view)
         centre, streak = 0.5 * (start + end), end - start
         return [
@@ -107,7 +111,7 @@ class Optics:
         ]
 
     def led_truth(self, view: View) -> tuple[Array, Array]:
-        """Where the LEDs themselves are imaged, (n, 2) [px], and how bright, (n,) [grey], 0 if not seen."""
+        """True image of each LED: pixels (n, 2), and peak (n,) [grey levels], 0 if it is not visible."""
         start, end, peaks = self._lit(view)
         leds = len(self._leds.points)
         pixels = 0.5 * (start + end)[:leds]
@@ -116,12 +120,12 @@ class Optics:
         return pixels, np.where(inside, peaks[:leds], 0.0)
 
     def _lit(self, view: View) -> tuple[Array, Array, Array]:
-        """Every light's pixels at begin and end of the exposure and its peak, 0 for one hidden or not in front."""
+        """Pixels of each light at begin and end of the exposure, and its peak: 0 if hidden or behind the camera."""
         time_s = view.time_ns * 1e-9
         lights = lights_of(self._leds, view.led_currents_a, view.scene, time_s)
         mount = self._camera.mount
-        in_l = view.relative.inverse().compose(Pose2(float(mount[0]), float(mount[1]), 0.0))
-        camera_l = np.array([in_l.x_m, in_l.y_m, mount[2]])
+        camera_in_leader = view.relative.inverse().compose(Pose2(float(mount[0]), float(mount[1]), 0.0))
+        camera_l = np.array([camera_in_leader.x_m, camera_in_leader.y_m, mount[2]])
         exposed = self._camera.exposure_us / _REFERENCE_EXPOSURE_US * self._camera.gain * view.scene.exposure_factor
         peaks = lights.peaks(camera_l) * exposed
         if view.scene.walkers:
@@ -135,11 +139,11 @@ class Optics:
         return image_of_rays(before, self._camera), image_of_rays(after, self._camera), peaks
 
     def _after(self, view: View) -> Pose2:
-        """{L} in {F} at the end of the exposure: it moves against the Follower's twist."""
+        """Pose of {L} in {F} at the end of the exposure."""
         return move_relative(view.relative, view.v_m_s, view.w_rad_s, self._camera.exposure_us * 1e-6)
 
     def _bank(self, scene: Scene) -> Images:
-        """The dark frames, lifted by the scene's ambient light; made once for each."""
+        """The dark frames with the scene's ambient light added; made once for each level."""
         if scene.ambient_grey not in self._banks:
             self._banks[scene.ambient_grey] = np.stack(
                 [cv2.add(dark, np.full(1, scene.ambient_grey)) for dark in self._banks[0.0]]
@@ -158,7 +162,7 @@ class Optics:
 
 
 def _camera_attitude(view: View, camera: CameraConfig) -> Array:
-    """{C}, as mounted and shaken, from {F}, (3, 3)."""
+    """Rotation {C} from {F} of the mounted and shaken camera, (3, 3)."""
     shake_pitch, shake_roll = view.scene.tilt(view.time_ns * 1e-9)
     shaken = _attitude(view.pitch_rad + shake_pitch, view.roll_rad + shake_roll, 0.0)
     mounted = _attitude(*camera.mount_tilt.tolist())
@@ -176,7 +180,7 @@ def _to_camera(points_l: Array, relative: Pose2, camera: CameraConfig, attitude:
 
 
 def _attitude(pitch_rad: float, roll_rad: float, yaw_rad: float) -> Array:
-    """Coordinates of a camera turned to the left, then up, then right side down, from those before."""
+    """Rotation into a camera that is yawed to the left, then pitched up, then rolled right side down, (3, 3)."""
     cp, sp = math.cos(pitch_rad), math.sin(pitch_rad)
     cr, sr = math.cos(roll_rad), math.sin(roll_rad)
     cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)

@@ -1,11 +1,6 @@
-"""Where a ray meets the simulated sensor: the forward distortion of each lens model, written out for a few points.
-
-Beside the models that a calibration can name stand the laws that wide lenses are built by.
-"""
+"""The simulated lens: forward distortion of each lens model, written out for a few points."""
 
 from __future__ import annotations
-
-from typing import Literal
 
 import numpy as np
 
@@ -14,7 +9,15 @@ from common.geometry import Array
 
 
 def image_of_rays(rays_c: Array, camera: CameraConfig) -> Array:
-    """Pixels (n, 2) of rays (n, 3) in {C} with z > 0, through the camera's lens."""
+    """Project rays through the camera's lens.
+
+    Args:
+        rays_c: (n, 3) directions in {C}, z > 0.
+        camera: with its lens model.
+
+    Returns:
+        (n, 2) pixels.
+    """
     lens = camera.lens
     ideal = rays_c[:, :2] / rays_c[:, 2:]
     if lens.model == "rational":
@@ -48,24 +51,3 @@ def _fisheye(ideal: Array, coefficients: tuple[float, ...]) -> Array:
     bent = angle * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
     scale = np.where(radius > 1e-9, bent / np.maximum(radius, 1e-9), 1.0)
     return ideal * scale[:, None]
-
-
-Law = Literal["rectilinear", "stereographic", "equidistant"]
-
-
-def image_by_law(rays_c: Array, law: Law, size_px: tuple[int, int], field_of_view_rad: float) -> Array:
-    """Pixels (n, 2) of rays (n, 3) through an ideal lens of the given law whose image is as wide as its field."""
-    centre = 0.5 * (np.array(size_px) - 1.0)
-    focal = centre[0] / float(_radius(np.array(0.5 * field_of_view_rad), law))
-    aside = np.hypot(rays_c[:, 0], rays_c[:, 1])
-    angle = np.arctan2(aside, rays_c[:, 2])
-    radius = focal * _radius(angle, law)
-    direction = rays_c[:, :2] / np.maximum(aside, 1e-12)[:, None]
-    return np.asarray(direction * radius[:, None] + centre)
-
-
-def _radius(angle_rad: Array, law: Law) -> Array:
-    """Distance from the image's centre over the focal length at an angle to the axis."""
-    if law == "rectilinear":
-        return np.tan(angle_rad)
-    return 2.0 * np.tan(0.5 * angle_rad) if law == "stereographic" else angle_rad

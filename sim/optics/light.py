@@ -1,4 +1,4 @@
-"""Every point of light of a scene at one instant: where it is, where it shines, how strongly, what hides it."""
+"""The point lights of a scene at one instant: position, beam, strength, and what hides them."""
 
 from __future__ import annotations
 
@@ -33,14 +33,18 @@ class Lights:
     grey_at_1_m: Array
 
     def peaks(self, camera_l: Array) -> Array:
-        """Peak grey level that each causes at the camera, (S,): beam over squared distance."""
+        """Peak grey level of each light in the image, (S,): beam over squared distance.
+
+        Args:
+            camera_l: (3,) optical centre in {L} [m].
+        """
         towards = camera_l - self.points
         square = (towards**2).sum(axis=1)
         on_axis = np.maximum((towards * self.axes).sum(axis=1) / np.sqrt(square), 0.0)
         return np.asarray(self.grey_at_1_m * on_axis**self.exponent / square)
 
     def with_images(self, images: Lights) -> Lights:
-        """These and others."""
+        """These lights followed by others."""
         return Lights(
             np.vstack([self.points, images.points]),
             np.vstack([self.axes, images.axes]),
@@ -50,7 +54,14 @@ class Lights:
 
 
 def lights_of(leds: LedsConfig, currents_a: tuple[float, ...], scene: Scene, time_s: float) -> Lights:
-    """LEDs first, in their order, then other arrays, lamps and the mirror images of all."""
+    """The lights of a scene: LEDs in their order, then other arrays, lamps, and the mirror images of all of them.
+
+    Args:
+        leds: positions and beam of the array.
+        currents_a: current of each LED [A].
+        scene: everything else that shines or mirrors.
+        time_s: since the scene began.
+    """
     factors = np.array([scene.led_factor(led, time_s) for led in range(len(leds.points))])
     strength = GREY_AT_1_M * factors * np.array(currents_a) / leds.current_a
     exponent = beam_exponent(leds.full_beam_deg)
@@ -75,7 +86,17 @@ def beam_exponent(full_beam_deg: float) -> float:
 
 
 def hidden(points: Array, camera_l: Array, walkers: tuple[Walker, ...], time_s: float) -> NDArray[np.bool_]:
-    """(S,) bool: whether a walker stands between the camera and the point."""
+    """Whether a walker hides each point from the camera.
+
+    Args:
+        points: (S, 3) in {L} [m].
+        camera_l: (3,) optical centre in {L} [m].
+        walkers: of the scene.
+        time_s: since the scene began.
+
+    Returns:
+        (S,) bool.
+    """
     covered = np.zeros(len(points), dtype=np.bool_)
     for walker in walkers:
         since = time_s - walker.start_s

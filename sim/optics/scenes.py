@@ -1,7 +1,7 @@
-"""What else the camera sees besides the Leader: lamps, mirrors, sun, people, a second array, and faulty LEDs.
+"""What the camera sees besides the Leader: lamps, mirrors, sun, people, a second array, and faulty LEDs.
 
-Everything lies in {L}. A scene is plain data, frozen and seeded; :mod:`sim.optics.image` turns it into light. The
-named scenes are those of the paper's real-world experiments and the ways in which they could go wrong.
+Everything is given in {L}. A scene is plain data, frozen and seeded; :mod:`sim.optics.image` renders it. The named
+scenes are those of the paper's real-world experiments, and how they could go wrong.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _SHAKEN_AT_M_S = 0.3
 
 @dataclass(frozen=True)
 class Lamp:
-    """A lamp with 940 nm in its light, shining all around; it flickers at twice the mains' frequency."""
+    """A lamp that emits 940 nm in all directions; it flickers at twice the mains frequency."""
 
     xyz_m: tuple[float, float, float]
     grey_at_1_m: float
@@ -30,7 +30,7 @@ class Lamp:
 
 @dataclass(frozen=True)
 class Wall:
-    """A vertical pane that mirrors: points with n·p = distance, n = (cos, sin) of ``normal_rad``."""
+    """A vertical mirror: points with n·p = distance, n = (cos, sin) of ``normal_rad``."""
 
     normal_rad: float
     distance_m: float
@@ -57,7 +57,7 @@ class Walker:
 
 @dataclass(frozen=True)
 class LedFault:
-    """From ``start_s`` on LED ``led`` shines with ``factor`` of its strength, or blinks so."""
+    """From ``start_s`` on LED ``led`` has ``factor`` of its strength, all the time or while it blinks."""
 
     led: int
     factor: float
@@ -76,7 +76,7 @@ class SecondArray:
 
 @dataclass(frozen=True)
 class Scene:
-    """All of it. ``shake_rad`` is the amplitude of the camera's pitch and roll, in time or by way."""
+    """A scene. ``shake_rad``: amplitude of the camera's pitch and roll, over time or distance driven."""
 
     name: str = "clean"
     ambient_grey: float = 0.0
@@ -92,7 +92,7 @@ class Scene:
     others: tuple[SecondArray, ...] = ()
 
     def tilt(self, time_s: float) -> tuple[float, float]:
-        """Camera pitch and roll [rad] that the floor causes: two tones each, not in step."""
+        """Camera pitch and roll [rad] caused by the floor: two tones each, out of phase."""
         pitch, roll = self.shake_rad
         return (
             pitch * (0.6 * math.sin(2 * math.pi * 1.3 * time_s) + 0.4 * math.sin(2 * math.pi * 3.1 * time_s + 1.0)),
@@ -100,11 +100,11 @@ class Scene:
         )
 
     def floor_tilt(self, driven_m: float) -> tuple[float, float]:
-        """The same tilt [rad] by the way driven: what it would be in time at the speed of an approach."""
+        """The same tilt [rad] by distance driven: as over time at the speed of an approach."""
         return self.tilt(driven_m / _SHAKEN_AT_M_S)
 
     def led_factor(self, led: int, time_s: float) -> float:
-        """Strength of a LED relative to its current's."""
+        """Strength of an LED, relative to what its current gives."""
         factor = 1.0 if self.leds_lit else 0.0
         for fault in self.faults:
             if fault.led == led and time_s >= fault.start_s:
@@ -117,7 +117,7 @@ CLEAN = Scene()
 
 
 def named_scene(name: str, seed: int = 0) -> Scene:
-    """A named scene, its details drawn with ``seed``.
+    """A named scene; ``seed`` draws its details.
 
     Raises:
         ValueError: no such scene; the text lists those there are.
@@ -132,7 +132,7 @@ def _clean(draws: np.random.Generator) -> Scene:  # noqa: ARG001 - nothing to dr
 
 
 def _dark_outdoor(draws: np.random.Generator) -> Scene:
-    """Night: a few distant lamps, an uneven pavement."""
+    """Night, a few distant lamps, an uneven pavement."""
     return Scene("dark_outdoor", shake_rad=_degrees(0.3, 0.2), lamps=_lamps(draws, 3, 0.0, (2.5, 5.0)))
 
 
@@ -166,7 +166,7 @@ def _clutter40(draws: np.random.Generator) -> Scene:
 
 
 def _blocked(draws: np.random.Generator) -> Scene:
-    """People who walk between the robots."""
+    """People walking between the robots."""
     walkers = tuple(
         Walker(
             (float(draws.uniform(-1.4, -0.7)), -1.6),
@@ -179,7 +179,7 @@ def _blocked(draws: np.random.Generator) -> Scene:
 
 
 def _dead_led(draws: np.random.Generator) -> Scene:
-    """One LED dead from the start, dying on the way, dim, or blinking."""
+    """One LED that is dead from the start, fails during the approach, is dim, or blinks."""
     led = int(draws.integers(4))
     kinds = (LedFault(led, 0.0), LedFault(led, 0.0, 4.0), LedFault(led, 0.15, 2.0), LedFault(led, 0.0, 3.0, 1.5))
     fault = kinds[int(draws.integers(len(kinds)))]

@@ -1,7 +1,7 @@
 """The trolley in hand, what it meets ahead, and how the next one comes.
 
-Ahead of the first trolley is the Leader's guide, ahead of each further one the queue. Who fetches trolleys is no part
-of this simulation: the next one is placed before the Follower's open grippers, as well as somebody would place it.
+Ahead of the first trolley is the Leader's guide, ahead of each further one the queue. Not modelled: how trolleys are
+fetched; the next one appears in front of the Follower's open grippers, as accurately as an operator would place it.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ TROLLEY_PITCH_M = 0.28
 
 
 class Contact:
-    """What the arms hold or held last, and the queue. ``handle_force_n``, their push, is set from outside.
+    """The trolley that the arms hold or held last, and the queue. The caller sets ``handle_force_n``, the arms' push.
 
     Args:
         world: masses, guide, floor.
-        handle: pose of the first trolley's handle in {L}; its axes are the robot's.
-        pads: that lie on the floor.
-        gripped: the arms hold it.
-        velocity: of its centre: m/s, m/s, rad/s.
-        pitch_m: of nested trolleys.
+        handle: pose of the first trolley's handle in {L}; its axes are those of {F} while it is held.
+        pads: rubber pads on the floor.
+        gripped: whether the arms hold it.
+        velocity: of its centre in {L}: m/s, m/s, rad/s.
+        pitch_m: distance from one nested trolley to the next.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Contact:
 
     @property
     def handle(self) -> Pose2:
-        """Of the trolley in hand, in {L}."""
+        """Pose in {L} of the handle of the trolley in hand."""
         return self.trolley.handle
 
     @property
@@ -58,7 +58,7 @@ class Contact:
 
     @property
     def beam_x_m(self) -> float:
-        """Its front beam along {L}."""
+        """Its front beam along x of {L}."""
         return self.trolley.beam_x_m
 
     @property
@@ -84,10 +84,10 @@ class Contact:
         """One step.
 
         Args:
-            force_n: on the handle, in {L}.
+            force_n: on the handle, x and y in {L}.
             moment_n_m: about the handle.
-            bound_m: a beam further off than this catches beside guide or mouth.
-            dt_s: the step, short against the stops' period.
+            bound_m: lateral error beyond which the beam hits the edge of guide or mouth.
+            dt_s: the step, short against the period of the stops.
         """
         trolley, queue = self.trolley, self.queue
         first = queue.members[0].beam_x_m if queue.members else trolley.beam_x_m
@@ -102,27 +102,27 @@ class Contact:
             queue.advance(met_n, dt_s)
         queue.guide.latch(first, queue.members[0].beam_x_m if queue.members else trolley.beam_x_m)
 
-    def place_next(self, robot: Pose2, handle_x_m: float) -> None:
-        """Hand the trolley that is home over to the queue; stand the next one before the robot's open grippers.
+    def place_next(self, follower_in_leader: Pose2, handle_x_m: float) -> None:
+        """Add the docked trolley to the queue; place the next one in front of the Follower's open grippers.
 
         Args:
-            robot: {F} in {L}.
-            handle_x_m: where the grippers expect the handle, in {F}.
+            follower_in_leader: pose of {F} in {L}.
+            handle_x_m: where the grippers expect the handle, along x of {F}.
         """
         draws, world = self._random, self.world
         home = self.trolley
-        # on an uneven floor it rolls back a little once nobody pushes; the guide holds the first one
+        # on an uneven floor it rolls back a little once it is not pushed; the guide holds the first one
         rolled_m = draws.uniform(0.0, world.nest_play_m) if self.queue.members else 0.0
         self.queue.members.append(
             Nested(home.beam_x_m - rolled_m, home.beam_y_m, home.handle.theta_rad, home.mass_kg)
         )
         e_x, e_y, e_theta = (draws.uniform(-most, most) for most in world.place_error)
-        handle = robot.compose(Pose2(handle_x_m + e_x, e_y, e_theta))
+        handle = follower_in_leader.compose(Pose2(handle_x_m + e_x, e_y, e_theta))
         casters = [draws.uniform(-world.caster_start_rad, world.caster_start_rad) for _ in range(2)]
         self.trolley = Trolley(world, handle, self._mass_kg(), casters_rad=casters)
 
     def _fill(self, pitch_m: float) -> None:
-        """The trolleys that were docked before."""
+        """Place the trolleys that were docked before."""
         draws, world = self._random, self.world
         beam_x = world.guide_ramp_m[1]
         for _ in range(world.docked):

@@ -1,4 +1,4 @@
-"""The Leader's end of the physical truth: LED currents, the bolt behind the guide, switches, and their faults."""
+"""The Leader in the simulated world: LED currents, the bolt behind the guide, switches, and their faults."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _TRAVEL_CURRENT_A, _JAM_CURRENT_A = 1.2, 6.0
 class LeaderFaults:
     """What is wrong with the Leader; the default is nothing.
 
-    ``dead_leds`` draw no current. ``stuck`` switches show one value for ever. ``bolt_blocked``: something lies in the
-    bolt's way. Not ``powered``: LEDs dark, and the module is to be silenced on its bus.
+    ``dead_leds`` draw no current. ``stuck`` switches always show one value. ``bolt_blocked``: an obstacle stops the
+    bolt. Not ``powered``: LEDs dark; the caller silences the module on its bus.
     """
 
     dead_leds: set[int] = field(default_factory=set)
@@ -46,11 +46,11 @@ class LeaderPlant:
 
     @property
     def locked(self) -> bool:
-        """The bolt stands behind a beam that is in its seat."""
+        """The bolt is extended behind a seated beam."""
         return self.travel >= 1.0 and self._guide.seated
 
     def listen(self) -> None:
-        """Take what the module's outputs want."""
+        """Read the module's outputs."""
         faults = self.faults
         for i in range(len(self._led_target)):
             lit = faults.powered and i not in faults.dead_leds
@@ -58,17 +58,17 @@ class LeaderPlant:
         self._actuator = self._leader.actuator if faults.powered else 0
 
     def step(self, dt_s: float) -> None:
-        """One step under what was wanted last."""
+        """One step under the outputs read last."""
         for i, target in enumerate(self._led_target):
             self.led_current_a[i] += self._led_share * (target - self.led_current_a[i])
         travel = self.travel + self._actuator * dt_s / self._world.lock_travel_s
-        # without a beam in its seat the guide hangs in the bolt's way
+        # without a seated beam the guide blocks the bolt
         limit = 1.0 if self._guide.seated and not self.faults.bolt_blocked else max(_BLOCKED_TRAVEL, self.travel)
         self.travel = min(limit, 1.0, max(0.0, travel))
         self._jammed = travel > limit and limit < 1.0
 
     def report(self) -> None:
-        """Write what current sensors and switches read."""
+        """Write the readings of current sensors and switches to the module's inputs."""
         leader = self._leader
         for i, current in enumerate(self.led_current_a):
             leader.set_led_current(i, current)

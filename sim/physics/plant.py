@@ -1,9 +1,9 @@
-"""Two robots, trolleys and the floor: the physical truth that drives, I/O modules and light look at.
+"""Both robots, trolleys and the floor: the physical truth behind drives, I/O modules and light.
 
-A model of its own, not the controller's: wheels follow their drives with a lag and, with a trolley in the
-grippers, short of what was told; the pose is integrated in 2 ms steps; an uneven floor tilts the camera along the
-way. Wheels slip beyond the traction limit and where ``floor_grip`` says so; not modelled: drift, and that the arms'
-forces turn the base.
+This model shares nothing with the controller's: wheels follow their drives with a lag and, with a trolley in the
+grippers, more slowly than commanded; the pose is integrated in 2 ms steps; an uneven floor tilts the camera as the
+robot drives. Wheels slip beyond the traction limit and where ``floor_grip`` says so. Not modelled: drift, and the
+turning of the base by the forces of the arms.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from sim.world_config import WorldConfig
 STEP_NS = 2_000_000
 _TRACK_SHARE = 0.25
 _GRIP_LAG_S = 0.4  # no floor stops or pulls the robot faster than 0.75 m/s² at 0.3 m/s
-# the next trolley comes when the Follower has stood for so long
+# the next trolley comes once the Follower has stood for this long
 _STOOD_S = 0.3
 _STANDING_M_S = 0.005
 _STAGING_SLACK_M = 0.15
@@ -35,7 +35,7 @@ class Plant:
     def __init__(self, config: Config, world: WorldConfig, follower: FollowerBus, leader: LeaderBus) -> None:
         self._config, self._world, self._follower, self._leader = config, world, follower, leader
         self._wheels = (follower.left_wheel, follower.right_wheel)
-        self.pose = world.start_pose
+        self.pose = world.start_pose  # {F} in {L}
         self.v_m_s = self.w_rad_s = 0.0
         self.pitch_rad = self.roll_rad = 0.0
         self._wheel_speed = [0.0, 0.0]
@@ -44,9 +44,9 @@ class Plant:
         self.contact = Contact(world, handle, gripped=True, pitch_m=config.docking.trolley_pitch_m)
         step_s = STEP_NS / NS_PER_S
         self.leader = LeaderPlant(world, leader, len(config.leds.positions_m), self.contact.queue.guide, step_s)
-        # how much of its wheels' way the robot goes, once its own inertia is used up: less than 1 on a wet floor
+        # robot speed over wheel surface speed, once its inertia is used up: less than 1 on a wet floor
         self.floor_grip = self._grip = 1.0
-        # what stands in the light's way: x, y in {L}, radius
+        # obstacles that block the light: x, y in {L}, radius [m]
         self.occluders: tuple[tuple[float, float, float], ...] = ()
         self._scene = named_scene(world.scene, world.seed)
         self._driven_m = 0.0
@@ -67,7 +67,7 @@ class Plant:
         steps = (now_ns - self.time_ns) // STEP_NS
         if steps <= 0:
             return
-        # drives are spoken to between two calls only: what they want holds, and only the last they are told counts
+        # the drives get commands between two calls only: the newest ones hold for all steps
         self._wheel_target = tuple(motor.velocity_setpoint_rad_s if motor.enabled else 0.0 for motor in self._wheels)
         self.leader.listen()
         self.arms.listen()
@@ -116,16 +116,16 @@ class Plant:
         self.pitch_rad, self.roll_rad = suspension[0] + floor_pitch, suspension[1] + floor_roll
 
     def _move_trolley(self, dt_s: float) -> None:
-        """Arms and trolley against each other; the trolley's handle as {F} sees it, the reaction back in {L}."""
+        """Arms and trolley against each other: motion of the handle into {F}, the reaction back into {L}."""
         c, s = math.cos(self.pose.theta_rad), math.sin(self.pose.theta_rad)
-        handle = self.pose.inverse().compose(self.contact.handle)
+        handle_in_follower = self.pose.inverse().compose(self.contact.handle)
         h_x, h_y, turn = self.contact.handle_velocity()
         velocity = (
-            c * h_x + s * h_y - self.v_m_s + self.w_rad_s * handle.y_m,
-            c * h_y - s * h_x - self.w_rad_s * handle.x_m,
+            c * h_x + s * h_y - self.v_m_s + self.w_rad_s * handle_in_follower.y_m,
+            c * h_y - s * h_x - self.w_rad_s * handle_in_follower.x_m,
             turn - self.w_rad_s,
         )
-        f_x, f_y, moment = self.arms.step(handle, velocity, dt_s)
+        f_x, f_y, moment = self.arms.step(handle_in_follower, velocity, dt_s)
         self.contact.gripped = self.arms.holding
         self.contact.handle_force_n = f_x
         docking = self._config.docking
@@ -133,7 +133,7 @@ class Plant:
         self.contact.advance((c * f_x - s * f_y, s * f_x + c * f_y), moment, bound, dt_s)
 
     def _fetch(self, dt_s: float) -> None:
-        """The next trolley, as soon as the Follower stands ready for it and the one before is locked."""
+        """Place the next trolley once the Follower stands ready for it and the one before is locked."""
         still = abs(self.v_m_s) < _STANDING_M_S and abs(self.w_rad_s) < _STANDING_M_S and self.arms.open
         self._still_s = self._still_s + dt_s if still else 0.0
         if self._still_s < _STOOD_S or not (self.contact.home and self.leader.locked):

@@ -1,9 +1,9 @@
 """The trolleys that stand nested behind the Leader's guide, and the guide itself: a chain along {L}'s x.
 
 The guide's ramp resists the first trolley's beam while it is lifted and falls behind it at its end, before a stop.
-Each further trolley slides into the one ahead against friction up to a stop, with play between: a queue must be
-pushed shut. Only what pushes is felt; nested trolleys do not hold each other back. Not modelled: the mouth's own
-centring, lateral motion of what is nested.
+Each further trolley slides into the one ahead against friction up to a stop, with play in between: a queue must be
+pushed shut. Nested trolleys push, but never pull, each other. Not modelled: centring by the mouth, lateral motion
+of nested trolleys.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ _HOME_M = 0.03
 
 @dataclass
 class Guide:
-    """Lifted by the beam that passes below, fallen behind a beam that is seated."""
+    """The guide: lifted by a beam that passes below, down again behind a seated beam."""
 
     world: WorldConfig
     seated: bool = False
     lifted: bool = False
 
     def force_n(self, beam_x_m: float, speed_m_s: float, in_bounds: bool) -> float:
-        """Against x_L, on the first trolley's beam; beside the bound it catches."""
+        """Force against x of {L} on the first trolley's beam; out of bounds the beam hits the guide's edge."""
         world, x = self.world, beam_x_m
         begin, end = world.guide_ramp_m
         if self.seated:
@@ -44,7 +44,7 @@ class Guide:
         return world.guide_force_n * (x - begin) / (end - begin)
 
     def latch(self, before_m: float, beam_x_m: float) -> None:
-        """Follow the beam, which was at ``before_m`` a step ago."""
+        """Update the guide from the beam, which was at ``before_m`` one step ago."""
         begin, end = self.world.guide_ramp_m
         if not self.seated and before_m < end <= beam_x_m:
             self.seated = True
@@ -63,7 +63,7 @@ class Nested:
 
 
 class Queue:
-    """Trolleys behind the guide, the first of them first."""
+    """Trolleys behind the guide, in the order of docking."""
 
     def __init__(self, world: WorldConfig, pitch_m: float) -> None:
         self._world, self._pitch_m = world, pitch_m
@@ -74,7 +74,7 @@ class Queue:
         return len(self.members)
 
     def handles(self) -> tuple[tuple[float, float, float], ...]:
-        """Where the handles stand: x, y [m], heading [rad] in {L}."""
+        """Poses of the handles in {L}: x, y [m], heading [rad]."""
         length = self._world.handle_to_beam_m
         return tuple(
             (
@@ -86,15 +86,21 @@ class Queue:
         )
 
     def mouth_x_m(self) -> float:
-        """Where the next trolley's beam stops, in the guide or in the last trolley as that stands now."""
+        """Where the next trolley's beam stops: in the guide, or in the last trolley at its present position."""
         return self.members[-1].beam_x_m - self._pitch_m if self.members else self._world.guide_ramp_m[1]
 
     def is_home(self, beam_x_m: float) -> bool:
-        """Whether a beam here stands in the guide or in the last trolley."""
+        """Whether a beam at this position is in the guide or in the last trolley."""
         return self.guide.seated if not self.members else beam_x_m >= self.mouth_x_m() - _HOME_M
 
     def meet_n(self, beam_x_m: float, beam_y_m: float, speed_m_s: float, bound_m: float) -> float:
-        """Force of guide or last trolley on the beam of the one that is pushed, against x_L."""
+        """Force of guide or last trolley on the beam of the pushed trolley [N], against x of {L}.
+
+        Args:
+            beam_x_m, beam_y_m: position of the beam in {L}.
+            speed_m_s: of the beam along x of {L}.
+            bound_m: lateral error beyond which the beam hits the edge of guide or mouth.
+        """
         if not self.members:
             return self.guide.force_n(beam_x_m, speed_m_s, abs(beam_y_m) <= bound_m)
         last, world = self.members[-1], self._world
@@ -108,7 +114,7 @@ class Queue:
         return rubbing + stop_n(world.nest_stiffness_n_m, depth - world.nest_m, closing)
 
     def advance(self, pushed_n: float, dt_s: float) -> None:
-        """One step of all that are nested, the last of them pushed ahead by ``pushed_n``."""
+        """One step of all nested trolleys; ``pushed_n`` pushes the last of them ahead."""
         members, world = self.members, self._world
         for i in range(len(members) - 1, -1, -1):
             member = members[i]
@@ -126,5 +132,5 @@ class Queue:
 
 
 def stop_n(stiffness_n_m: float, depth_m: float, speed_m_s: float) -> float:
-    """Force of a stop that is pressed in by ``depth_m``; it never pulls."""
+    """Force of a stop that is compressed by ``depth_m``; it never pulls."""
     return max(0.0, stiffness_n_m * depth_m + STOP_DAMPING_N_S_M * speed_m_s) if depth_m > 0.0 else 0.0

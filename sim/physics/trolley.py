@@ -1,7 +1,7 @@
 """One trolley on the floor: a rigid body in the plane, moved by forces at its handle and met at its front beam.
 
-It resists rolling and turning; its two pairs of casters swing round behind the way they are moved, and until then
-push sideways; a rubber pad's edge resists a wheel that climbs it. Not modelled: single casters, impact, tipping.
+It resists rolling and turning; its two pairs of casters swing round behind their direction of motion, and until then
+push sideways; the edge of a rubber pad resists a wheel that climbs it. Not modelled: single casters, impact, tipping.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _STANDING_M_S = 1e-4
 
 @dataclass(frozen=True)
 class RubberPad:
-    """A pad across the way, by x in {L}: its wheels roll harder on it and have to climb its edge."""
+    """A rubber pad across the path, by x in {L}: wheels roll harder on it and have to climb its edge."""
 
     begin_x_m: float
     end_x_m: float
@@ -31,7 +31,7 @@ class RubberPad:
     rolling_resistance: float = 0.05
 
     def resistance(self, wheel_x_m: float) -> float:
-        """Force against driving ahead, by an axle's load, of a wheel whose axle is at ``wheel_x_m``."""
+        """Force against driving ahead, per axle load, on a wheel whose axle is at ``wheel_x_m``."""
         reach = math.sqrt(2 * _WHEEL_RADIUS_M * self.height_m - self.height_m**2)
         for edge, sign in ((self.begin_x_m, 1.0), (self.end_x_m, -1.0)):
             before = (edge - wheel_x_m) * sign
@@ -42,13 +42,14 @@ class RubberPad:
 
 @dataclass
 class Trolley:
-    """Its handle's pose in {L}, its velocity (m/s, m/s, rad/s) at the centre, and how its casters stand.
+    """State of one trolley: pose of its handle, velocity of its centre, angles of its casters.
 
     Args:
         world: geometry and friction.
         handle: pose of the handle in {L}.
-        mass_kg: with its load.
-        casters_rad: of the front and rear pair, the way they roll, 0 ahead.
+        mass_kg: load included.
+        velocity: of its centre in {L}: m/s, m/s, rad/s.
+        casters_rad: rolling direction of the front and the rear pair, 0 straight ahead.
     """
 
     world: WorldConfig
@@ -59,22 +60,22 @@ class Trolley:
 
     @property
     def beam_x_m(self) -> float:
-        """The front beam along {L}."""
+        """Position of the front beam along x of {L}."""
         return self.x_ahead(self.world.handle_to_beam_m)
 
     @property
     def beam_y_m(self) -> float:
-        """The front beam's lateral place in {L}."""
+        """Lateral position of the front beam, along y of {L}."""
         return self.handle.y_m + self.world.handle_to_beam_m * math.sin(self.handle.theta_rad)
 
     @property
     def beam_speed_m_s(self) -> float:
-        """Of the front beam along {L}."""
+        """Speed of the front beam along x of {L}."""
         v_x, _, w = self.velocity
         return v_x - w * self.world.handle_to_beam_m / 2 * math.sin(self.handle.theta_rad)
 
     def x_ahead(self, distance_m: float) -> float:
-        """Place along {L} of a point of the trolley ahead of its handle."""
+        """Position along x of {L} of a point ``distance_m`` ahead of the handle."""
         return self.handle.x_m + distance_m * math.cos(self.handle.theta_rad)
 
     def handle_velocity(self) -> tuple[float, float, float]:
@@ -90,11 +91,11 @@ class Trolley:
         """One step.
 
         Args:
-            force_n: on the handle, in {L}.
+            force_n: on the handle, x and y in {L}.
             moment_n_m: about the handle.
-            beam_n: what meets the front beam, against x of {L}.
-            pads: that lie on the floor.
-            dt_s: the step.
+            beam_n: force on the front beam, against x of {L}.
+            pads: rubber pads on the floor.
+            dt_s: duration of the step.
         """
         arm = self.world.handle_to_beam_m / 2
         c, s = math.cos(self.handle.theta_rad), math.sin(self.handle.theta_rad)
@@ -117,7 +118,7 @@ class Trolley:
         )
 
     def _caster_force(self, c: float, s: float, dt_s: float) -> tuple[float, float]:
-        """Force to the trolley's left and moment of casters that stand across their way; they swing after it."""
+        """Force to the trolley's left, and moment, of casters across their direction of motion; swing them round."""
         v_x, v_y, w = self.velocity
         ahead, left = c * v_x + s * v_y, c * v_y - s * v_x
         load = self.world.caster_friction * self.mass_kg * GRAVITY_M_S2 / len(AXLES_BEFORE_BEAM_M)
@@ -147,7 +148,7 @@ class Trolley:
         return v_x * kept, v_y * kept, math.copysign(max(0.0, abs(w) - turn_loss), w)
 
     def _pad_force(self, pads: tuple[RubberPad, ...]) -> float:
-        """Force against driving ahead; a wheel that stands before an edge is not pushed by it."""
+        """Force against driving ahead; an edge never pushes a wheel that stands in front of it."""
         load = self.mass_kg * GRAVITY_M_S2 / len(AXLES_BEFORE_BEAM_M)
         total = 0.0
         for offset in AXLES_BEFORE_BEAM_M:

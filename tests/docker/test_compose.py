@@ -52,12 +52,12 @@ def cut_and_heal(deployment: Deployment) -> None:
     """Take the Leader off the robots' network during the approach, until the Follower has noticed."""
     network, gateway = f"{deployment.project}_robots", deployment.container("leader-gateway")
     deployment.wait_for("approach")
-    heard = deployment.output().count("leader-gateway is heard")
-    lost = deployment.output().count("leader-gateway is not heard")
+    heard = deployment.output().count("leader-gateway is reachable")
+    lost = deployment.output().count("leader-gateway is not reachable")
     deployment.engine.docker("network", "disconnect", network, gateway)
-    deployment.wait_for("leader-gateway is not heard", lost + 1)
+    deployment.wait_for("leader-gateway is not reachable", lost + 1)
     deployment.engine.docker("network", "connect", "--alias", "leader", network, gateway)
-    deployment.wait_for("leader-gateway is heard", heard + 1)
+    deployment.wait_for("leader-gateway is reachable", heard + 1)
 
 
 @pytest.mark.alone

@@ -41,7 +41,7 @@ def authority(folder: Path, *names: str) -> Path:
 
 
 def free_port() -> int:
-    """A UDP port that nobody has."""
+    """A free UDP port."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
         link.bind(("127.0.0.1", 0))
         return int(link.getsockname()[1])
@@ -115,7 +115,7 @@ class Gateways:
         """Both gateways, once each hears the other."""
         for robot in OTHER:
             self.start(robot)
-        until(lambda: all("is heard" in self.log(robot) for robot in OTHER) or self.dead(), READY_S)
+        until(lambda: all("is reachable" in self.log(robot) for robot in OTHER) or self.dead(), READY_S)
         assert not self.dead(), [self.log(robot) for robot in OTHER]
         return self
 
@@ -133,8 +133,8 @@ class Gateways:
         shutil.rmtree(self.folder)
 
 
-class Heard:
-    """What came on some channels, each by its key."""
+class Recorder:
+    """Records the payloads of some channels, by key."""
 
     def __init__(self, bus: Bus, *channels: Channel[Any]) -> None:
         self.payloads: dict[str, list[bytes]] = {channel.key: [] for channel in channels}
@@ -146,11 +146,11 @@ class Heard:
         return self.payloads[channel.key]
 
 
-def published_until_heard(publish: Callable[[], None], heard: Callable[[], object]) -> None:
-    """Publish again and again until it is heard: sessions need a moment to find each other."""
+def published_until(publish: Callable[[], None], received: Callable[[], object]) -> None:
+    """Repeat a publication until it is received: sessions need a moment to find each other."""
 
     def attempt() -> bool:
         publish()
-        return bool(heard())
+        return bool(received())
 
     until(attempt, READY_S)

@@ -19,7 +19,7 @@ from tests.rigs.waiting import until
 
 @contextmanager
 def connected(endpoint: str, authority: Path, certificate: Path | None, namespace: str) -> Iterator[zenoh.Session]:
-    """A session of somebody who is no gateway.
+    """A session of an attacker, who has no gateway.
 
     Args:
         endpoint: where to connect to.
@@ -73,7 +73,7 @@ def first_packets(count: int, authority: Path, certificate: Path) -> list[bytes]
     def knock(port: int) -> None:
         try:
             with connected(f"quic/127.0.0.1:{port}", authority, certificate, "davpc"):
-                raise AssertionError("nobody answers there")
+                raise AssertionError("no answer there")
         except zenoh.ZError:
             return
 

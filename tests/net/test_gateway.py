@@ -19,7 +19,7 @@ from common.channels import (
 )
 from common.processes import GATEWAYS, PROCESSES, process
 from gateway.access import OTHER, Robot
-from tests.net.gateways import READY_S, Gateways, Heard, needs_openssl, published_until_heard
+from tests.net.gateways import READY_S, Gateways, Recorder, needs_openssl, published_until
 from tests.rigs.waiting import until
 
 pytestmark = [pytest.mark.alone, needs_openssl]
@@ -39,7 +39,7 @@ def players(gateways: Gateways) -> Players:
 def test_states_cross_if_and_only_if_their_channel_leaves_the_robot(players: Players) -> None:
     states: list[Channel[Any]] = [channel for channel in CHANNELS if channel.kind == "state"]
     states += [health_channel(entry.name) for entry in PROCESSES if entry.name not in GATEWAYS.values()]
-    heard = {robot: Heard(bus, *states) for robot, bus in players.items()}
+    heard = {robot: Recorder(bus, *states) for robot, bus in players.items()}
 
     def publish() -> None:
         for channel in states:
@@ -61,7 +61,7 @@ def test_states_cross_if_and_only_if_their_channel_leaves_the_robot(players: Pla
         if channel.reach == "pair" and process(channel.publisher).robot == home
     }
     assert ("leader/state", "follower") in wanted
-    published_until_heard(publish, lambda: crossed() >= wanted)
+    published_until(publish, lambda: crossed() >= wanted)
     assert crossed() == wanted
 
 
@@ -82,9 +82,9 @@ def test_each_robot_sees_the_others_processes_alive(players: Players) -> None:
 
 def test_what_stays_in_the_robot_comes_once_beside_a_gateway(gateways: Gateways, players: Players) -> None:
     bridge = gateways.play("follower-can-bridge")
-    heard = Heard(bridge, MISSION, LEADER_STATE)
-    published_until_heard(lambda: players["follower"].publish(MISSION, b"hello"), lambda: heard.of(MISSION))
-    published_until_heard(lambda: players["leader"].publish(LEADER_STATE, b"hello"), lambda: heard.of(LEADER_STATE))
+    heard = Recorder(bridge, MISSION, LEADER_STATE)
+    published_until(lambda: players["follower"].publish(MISSION, b"hello"), lambda: heard.of(MISSION))
+    published_until(lambda: players["leader"].publish(LEADER_STATE, b"hello"), lambda: heard.of(LEADER_STATE))
     for number in range(100):
         players["follower"].publish(MISSION, b"%d" % number)
     until(lambda: b"99" in heard.of(MISSION), READY_S)
@@ -92,23 +92,23 @@ def test_what_stays_in_the_robot_comes_once_beside_a_gateway(gateways: Gateways,
 
 
 def test_big_messages_and_floods_are_dropped_and_the_link_stays(gateways: Gateways, players: Players) -> None:
-    heard = Heard(players["follower"], LEADER_STATE)
+    heard = Recorder(players["follower"], LEADER_STATE)
     players["leader"].publish(LEADER_STATE, bytes(200_000))
     flood = 5000
     for _ in range(flood):
         players["leader"].publish(LEADER_STATE, b"flood")
-    published_until_heard(
+    published_until(
         lambda: players["leader"].publish(LEADER_STATE, b"after"), lambda: b"after" in heard.of(LEADER_STATE)
     )
     assert max(map(len, heard.of(LEADER_STATE))) < 200_000
     assert heard.of(LEADER_STATE).count(b"flood") < flood / 20
-    assert gateways.log("follower").count("is heard") == 1
+    assert gateways.log("follower").count("is reachable") == 1
 
 
 def test_a_killed_gateway_leaves_the_robot_at_work_and_links_again(gateways: Gateways, players: Players) -> None:
     controller = gateways.play("follower-controller")
-    heard = Heard(players["follower"], COMMAND, LEADER_STATE)
-    published_until_heard(lambda: controller.publish(COMMAND, b"hello"), lambda: heard.of(COMMAND))
+    heard = Recorder(players["follower"], COMMAND, LEADER_STATE)
+    published_until(lambda: controller.publish(COMMAND, b"hello"), lambda: heard.of(COMMAND))
     heard.of(COMMAND).clear()
     gateways.running["follower"].kill()
     gateways.running["follower"].wait()
@@ -116,8 +116,8 @@ def test_a_killed_gateway_leaves_the_robot_at_work_and_links_again(gateways: Gat
         controller.publish(COMMAND, b"%d" % number)
     until(lambda: b"199" in heard.of(COMMAND), READY_S)
     assert heard.of(COMMAND)[-200:] == [b"%d" % number for number in range(200)]
-    until(lambda: "follower-gateway is not heard" in gateways.log("leader").split("is heard")[-1], READY_S)
+    until(lambda: "follower-gateway is not reachable" in gateways.log("leader").split("is reachable")[-1], READY_S)
     gateways.start("follower")
-    published_until_heard(
+    published_until(
         lambda: players["leader"].publish(LEADER_STATE, b"again"), lambda: b"again" in heard.of(LEADER_STATE)
     )

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from common.errors import ConfigError
+from gateway.credentials import check_credentials
 from tests.net.gateways import authority, needs_openssl, pki
 
 pytestmark = needs_openssl
@@ -79,3 +81,19 @@ def test_a_mistake_is_one_line_and_changes_nothing(tmp_path: Path, arguments: tu
     assert len(done.stderr.splitlines()) == 1
     assert said in done.stderr
     assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
+
+
+def test_credentials_that_cannot_serve_are_named_before_anything_opens(tmp_path: Path) -> None:
+    folder = tmp_path / "pki"
+    with pytest.raises(ConfigError, match=r"ca.pem: cannot be read; deploy/pki.sh makes it"):
+        check_credentials(folder, "follower")
+    assert pki(folder, "ca").returncode == 0
+    assert pki(folder, "issue", "follower", "--days", "10").returncode == 0
+    assert 9 * 86_400 < check_credentials(folder, "follower") <= 10 * 86_400
+    (folder / "follower.key").chmod(0o640)
+    with pytest.raises(ConfigError, match=r"follower.key: others may read it"):
+        check_credentials(folder, "follower")
+    (folder / "follower.key").chmod(0o600)
+    (folder / "follower.pem").write_text("nonsense")
+    with pytest.raises(ConfigError, match=r"follower.pem: not a certificate"):
+        check_credentials(folder, "follower")

@@ -19,7 +19,7 @@ from common.channels import CHANNELS, COMMAND, LEADER_STATE, LOCK_REQUEST
 from common.messages import Command, Header, encode, seal_command
 from common.processes import process
 from gateway.access import OTHER
-from tests.net.gateways import READY_S, Gateways, Heard, authority, needs_openssl, published_until_heard
+from tests.net.gateways import READY_S, Gateways, Recorder, authority, needs_openssl, published_until
 from tests.net.rogue import connected, expired, first_packets, resident_mb
 from tests.rigs.waiting import until
 
@@ -39,13 +39,11 @@ class Site:
         self.gateways = gateways
         self.follower: Bus = gateways.play("follower-supervisor")
         self.leader: Bus = gateways.play("leader")
-        self.heard = Heard(self.follower, *STATES)
+        self.heard = Recorder(self.follower, *STATES)
         self.served: list[bytes] = []
         self.leader.serve(LOCK_REQUEST, self._serve)
         self._right = 0
-        published_until_heard(
-            lambda: self.leader.publish(LEADER_STATE, b"hello"), lambda: self.heard.of(LEADER_STATE)
-        )
+        published_until(lambda: self.leader.publish(LEADER_STATE, b"hello"), lambda: self.heard.of(LEADER_STATE))
 
     def _serve(self, asked: bytes, answer: object) -> None:
         self.served.append(asked)
@@ -56,13 +54,13 @@ class Site:
         return f"{protocol}/127.0.0.1:{self.gateways.ports[robot]}"  # type: ignore[index]
 
     def right_one(self, session: zenoh.Session) -> None:
-        """One message by the Leader's certificate; fails unless it is heard."""
+        """One message by the Leader's certificate; fails unless it is received."""
         self._right += 1
         payload = b"right %d" % self._right
         self.sure(lambda: session.put(LEADER_STATE.key, payload), payload)
 
     def sure(self, publish: Callable[[], None], payload: bytes) -> None:
-        """Publish a Leader's state until it is heard; again only if it came too close to another for the rate."""
+        """Publish a Leader's state until it is received; again only if it came too close to another for the rate."""
         again_s = 0.0
 
         def heard() -> bool:
@@ -94,7 +92,7 @@ def controller(gateways: Gateways) -> Bus:
 def right(site: Site, certificates: Path) -> Iterator[zenoh.Session]:
     """The Leader's certificate: 100 of 100 come through beside any rogue's none."""
     with connected(site.endpoint("follower"), certificates / "ca.pem", certificates / "leader", SPACE) as session:
-        published_until_heard(
+        published_until(
             lambda: session.put(LEADER_STATE.key, b"first"), lambda: b"first" in site.heard.of(LEADER_STATE)
         )
         yield session
@@ -146,7 +144,7 @@ def test_who_cannot_show_a_certificate_of_the_authority_is_not_let_in(
 def test_a_certificate_gives_its_own_rights_and_no_others(
     shown: str, door: str, keys: list[str], site: Site, right: zenoh.Session, certificates: Path
 ) -> None:
-    leader_heard = Heard(site.leader, *STATES)
+    leader_heard = Recorder(site.leader, *STATES)
     with connected(site.endpoint(door), certificates / "ca.pem", certificates / shown, SPACE) as session:
         for number in range(MESSAGES):
             for key in keys:
@@ -165,8 +163,8 @@ def test_recorded_commands_do_not_come_back_by_the_leaders_certificate(
 ) -> None:
     commands = [seal_command(Command(0.3, 0.1, 1, n, n, n + 1, n, n)) for n in range(1, MESSAGES + 1)]
     recorded = [encode(c, Header("follower-controller", 1, c.sequence, 1, "boot")) for c in commands]
-    heard = Heard(site.follower, COMMAND)
-    published_until_heard(lambda: controller.publish(COMMAND, b"hello"), lambda: heard.of(COMMAND))
+    heard = Recorder(site.follower, COMMAND)
+    published_until(lambda: controller.publish(COMMAND, b"hello"), lambda: heard.of(COMMAND))
     for payload in recorded:
         controller.publish(COMMAND, payload)
     until(lambda: recorded[-1] in heard.of(COMMAND), READY_S)
@@ -196,7 +194,7 @@ def test_an_operator_hears_the_pair_and_a_guest_nothing(site: Site, right: zenoh
             )
             for key in (*(channel.key for channel in STATES), "**"):
                 session.declare_subscriber(key, noting(keys))
-        published_until_heard(lambda: site.right_one(right), lambda: LEADER_STATE.key in heard["operator"])
+        published_until(lambda: site.right_one(right), lambda: LEADER_STATE.key in heard["operator"])
         for channel in STATES:
             site.follower.publish(channel, b"inside")
         for _ in range(MESSAGES):
@@ -211,8 +209,8 @@ def test_garbage_and_half_open_connections_touch_neither_link_nor_memory(
     chance = random.Random(7)
     packets = first_packets(50, certificates / "ca.pem", certificates / "leader")
     doors = {robot: ("127.0.0.1", port) for robot, port in gateways.ports.items()}
-    heard = Heard(site.follower, COMMAND)
-    published_until_heard(lambda: controller.publish(COMMAND, b"hello"), lambda: heard.of(COMMAND))
+    heard = Recorder(site.follower, COMMAND)
+    published_until(lambda: controller.publish(COMMAND, b"hello"), lambda: heard.of(COMMAND))
 
     def attack(stack: ExitStack, rounds: int) -> None:
         for number in range(rounds):

@@ -12,7 +12,7 @@ import pytest
 
 from common.bus import OnRequest
 from common.channels import LEADER_STATE, LOCK_REQUEST
-from tests.net.gateways import READY_S, Gateways, Heard, authority, free_port, needs_openssl, published_until_heard
+from tests.net.gateways import READY_S, Gateways, Recorder, authority, free_port, needs_openssl, published_until
 from tests.rigs.canbus_rig import CONFIG_PATH
 from tests.rigs.waiting import until
 
@@ -64,7 +64,7 @@ def pairs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 def test_each_pair_hears_itself_alone(pairs: dict[str, Gateways]) -> None:
     followers = {name: pair.play("follower-supervisor") for name, pair in pairs.items()}
     leaders = {name: pair.play("leader") for name, pair in pairs.items()}
-    heard = {name: Heard(bus, LEADER_STATE) for name, bus in followers.items()}
+    heard = {name: Recorder(bus, LEADER_STATE) for name, bus in followers.items()}
     for name, leader in leaders.items():
         leader.serve(LOCK_REQUEST, answering(name.encode()))
         leader.declare_alive("leader")
@@ -73,7 +73,7 @@ def test_each_pair_hears_itself_alone(pairs: dict[str, Gateways]) -> None:
         for name, leader in leaders.items():
             leader.publish(LEADER_STATE, name.encode())
 
-    published_until_heard(publish, lambda: all(len(log.of(LEADER_STATE)) > 20 for log in heard.values()))
+    published_until(publish, lambda: all(len(log.of(LEADER_STATE)) > 20 for log in heard.values()))
     for name, follower in followers.items():
         assert set(heard[name].of(LEADER_STATE)) == {name.encode()}
         until(lambda follower=follower, name=name: follower.request(LOCK_REQUEST, b"", 1.0) == name.encode(), READY_S)

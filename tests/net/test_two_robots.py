@@ -1,4 +1,4 @@
-"""A docking of two robots that share nothing but their gateways, while somebody works on the doors."""
+"""A docking of two robots that share nothing but their gateways, while an attacker sends garbage to their ports."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ GROWTH_MB = 5.0
 
 
 def free_tcp_port() -> int:
-    """A port that nobody has."""
+    """A free port."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         return int(server.getsockname()[1])
 

@@ -25,7 +25,7 @@ def docking_state(config: Config, pose: Pose2, valid: bool = True) -> DockingSta
 
 DRIVES = Drives(
     "disarmed", "", 0, 0, (0.0, 0.0), (0.0, 0.0), (0.0,) * 6, (0.0,) * 6, (0.0, 0.0), (0.0, 0.0), 0.2,
-    True, 25.0, 0.0, 0.0, 0, 0, "", 0,
+    True, 25.0, 0.0, 0.0, 0, 0, 0,
 )  # fmt: skip
 ARMS = ArmState(5.0, False, False, True, False)
 LEADER = LeaderState(True, "", (1.0,) * 4, False, "down", "open", 0.0, 0)

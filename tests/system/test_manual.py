@@ -59,7 +59,7 @@ def test_by_hand(robot: Path, tmp_path: Path) -> None:
     jogging = davpc(robot, *JOG)
     until(lambda: (tmp_path / "follower-can-bridge.log").read_text().count(" armed ") >= 2, 20)
     second = davpc(robot, "lift", "100")
-    assert "a process operator runs here already" in said(second)
+    assert "a process operator already runs here" in said(second)
     assert second.returncode == 2
     os.kill(jogging.pid, signal.SIGKILL)
     said(jogging)

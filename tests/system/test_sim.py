@@ -108,7 +108,7 @@ def test_a_killed_launcher_takes_its_processes_with_it(sim_run: Any) -> None:
         (("--set", "controller.solver='magic'"), "controller.solver"),
         (("--config", "absent.toml"), "absent.toml: cannot be read"),
         (("--start", "6,1"), "write 3 numbers"),
-        (("--start", "1.2,0,0"), "would stand in the Leader"),
+        (("--start", "1.2,0,0"), "inside the Leader"),
         (("--out", "/proc/nope"), "--out /proc/nope"),
         (("--attach", "/proc/nope"), "--attach /proc/nope: no robot runs here"),
         (("--set", "supervisor.approach_speed_m_s=5.0"), "supervisor.approach_speed_m_s"),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from common.channels import DOCK_REQUEST, DOCKING_STATE, LEADER_STATE, MISSION, Channel
+from common.channels import DOCK_REQUEST, DOCKING_STATE, LEADER_STATE, LOCK_REQUEST, MISSION, Channel
 from common.config import Config
-from common.messages import Answer, DockRequest, Header, LeaderState, decode, encode
+from common.messages import Answer, DockRequest, Header, LeaderState, MessageError, decode, encode
 from common.node import REQUEST_BACKLOG, Inbox, Outbox, RequestDesk
 from common.timing import NS_PER_MS
 
@@ -89,11 +89,29 @@ def test_what_comes_during_a_step_belongs_to_the_next(inbox: Inbox) -> None:
 def test_requests_are_all_kept_in_order_and_bounded(inbox: Inbox) -> None:
     for n in range(REQUEST_BACKLOG + 5):
         request = DockRequest(str(n), 10, "start")
-        kept = inbox.put_queued(DOCK_REQUEST, encode(request, Header("cli", 1, n, 0, "boot")), 0)
+        payload = encode(request, Header("cli", 1, n, 0, "boot"))
+        kept = inbox.put_queued(DOCK_REQUEST, inbox.decode(DOCK_REQUEST, payload, 0))
         assert kept == (n < REQUEST_BACKLOG)
     ids = [received.message.id for received in inbox.requests(DOCK_REQUEST)]
     assert ids == [str(n) for n in range(REQUEST_BACKLOG)]
     assert inbox.requests(DOCK_REQUEST) == []
+
+
+def test_a_malformed_request_is_refused_on_arrival_and_counted(inbox: Inbox) -> None:
+    with pytest.raises(MessageError, match="MessagePack"):
+        inbox.decode(DOCK_REQUEST, b"garbage", 0)
+    request = encode(DockRequest("a", 10, "start"), Header("cli", 1, 1, 0, "before the reboot"))
+    with pytest.raises(MessageError, match="stamped in another boot"):
+        inbox.decode(DOCK_REQUEST, request, 0)
+    assert inbox.malformed == 2
+
+
+def test_a_malformed_answer_is_counted_and_dropped(inbox: Inbox) -> None:
+    inbox.put_answer(LOCK_REQUEST, b"garbage", 0)
+    inbox.put_answer(LOCK_REQUEST, encode(Answer("a", "done", ""), Header("leader", 1, 1, 0, "another machine")), 0)
+    assert inbox.answers(LOCK_REQUEST) == [Answer("a", "done", "")]
+    assert inbox.answers(LOCK_REQUEST) == []
+    assert inbox.malformed == 1
 
 
 def test_a_repeated_request_reaches_the_node_once_and_is_answered_the_same() -> None:

@@ -13,8 +13,8 @@ from common.messages import Command, seal_command
 from common.timing import NS_PER_MS
 from follower.can_bridge.gate import ArmToken, Decision, Gate, StampedCommand
 from follower.can_bridge.measurement import BusMeasurement, DriveSetpoint
-from sim.can.drive_402 import PowerState
 from sim.can.faults import EncoderFault
+from sim.can.power_states import PowerState
 from tests.rigs.canbus_rig import Rig, Tap, follower_rig, is_stop, stop_inputs, wheel_status, wheel_surface_speed
 
 
@@ -253,7 +253,7 @@ def test_a_drive_that_stood_still_itself_does_not_take_that_for_silence(driving:
     rig = driving.rig
     rig.clock.advance_to(rig.clock.now_ns() + 200 * NS_PER_MS)
     if known:
-        rig.robot.bus.stood_still(200 * NS_PER_MS)
+        rig.robot.bus.excuse_stall(200 * NS_PER_MS)
     rig.robot.left_wheel.advance(rig.clock.now_ns())
     assert rig.robot.left_wheel.heartbeat_lost is not known
 

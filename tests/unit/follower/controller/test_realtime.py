@@ -245,5 +245,5 @@ def test_solving_is_repeatable_to_the_bit() -> None:
 
 
 def test_knots_must_span_the_horizon() -> None:
-    with pytest.raises(ConfigError, match="knots rise from 0"):
+    with pytest.raises(ConfigError, match="knots must rise from 0"):
         load_config(default_config_path(), ["controller.realtime.knots=[0, 3, 2, 39]"])

@@ -41,7 +41,6 @@ STANDING = Drives(
     w_set_rad_s=0.0,
     command_sequence=0,
     image_to_can_ns=0,
-    gate_rule="",
     gate_interventions=0,
 )
 

@@ -22,7 +22,7 @@ def test_with_an_undervoltage_the_process_refuses_to_begin(tmp_path: Path) -> No
     request = DockRequest("start-1", 2 * NS_PER_S, "start")
     empty = replace(DRIVES, battery_v=21.9, measured_ns=NS_PER_S)
     inbox.put_state(DRIVES_CHANNEL, sender.pack(DRIVES_CHANNEL, empty, NS_PER_S), NS_PER_S)
-    inbox.put_queued(DOCK_REQUEST, sender.pack(DOCK_REQUEST, request, NS_PER_S), NS_PER_S)
+    inbox.put_queued(DOCK_REQUEST, inbox.decode(DOCK_REQUEST, sender.pack(DOCK_REQUEST, request, NS_PER_S), NS_PER_S))
     inbox.begin_step()
     outputs = node.step(NS_PER_S, inbox)
     node.stop(NS_PER_S)

@@ -27,7 +27,7 @@ def test_a_server_that_stood_still_says_so_to_its_nodes(
     ticked, ahead_ns = threading.Event(), 0
     bus = robot.bus
     stalls: list[int] = []
-    monkeypatch.setattr(bus, "stood_still", stalls.append)
+    monkeypatch.setattr(bus, "excuse_stall", stalls.append)
     server = CanServer(
         socket.create_server(("127.0.0.1", 0)),
         {"follower": bus},
@@ -41,7 +41,7 @@ def test_a_server_that_stood_still_says_so_to_its_nodes(
         ticked.clear()
         assert ticked.wait(10.0)
     server.stop()
-    assert "the simulated drives stood still for" in caplog.text
+    assert "the simulated drives stalled for" in caplog.text
 
 
 def test_the_same_over_a_socket() -> None:

@@ -111,7 +111,7 @@ def test_another_leaders_array_is_never_taken_for_ours(config: Config, optics: O
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_another_leader_is_not_taken_while_somebody_hides_ours(config: Config, optics: Optics, seed: int) -> None:
+def test_another_leader_is_not_taken_while_ours_is_hidden(config: Config, optics: Optics, seed: int) -> None:
     beside = SecondArray(Pose2(0.5, 2.0, 0.1), start_s=0.6)
     scene = Scene(others=(beside,), walkers=(Walker((-1.0, -1.6), (0.0, 1.2), 0.7),))
     counted = scene_metrics([looks(config, optics, scene, seed, 240)])

@@ -214,10 +214,10 @@ def test_driving_into_a_wall_is_a_collision_and_the_arms_yield(
     bench = ContactBench(config, world, -0.8, lateral_m=beside)
     samples = run_for(bench, 6.0, lambda _: 0.0 if bench.contact.beam_x_m > -0.101 else speed)
     hit = next(i for i, sample in enumerate(samples) if sample.beam_x_m >= -0.1)
-    told = next(i for i, sample in enumerate(samples) if sample.state.cause == "collision")
-    assert 0 <= told - hit <= 20
+    detected = next(i for i, sample in enumerate(samples) if sample.state.cause == "collision")
+    assert 0 <= detected - hit <= 20
     # no push-back: soon after, the arms press no more than their friction does
-    assert max(abs(sample.handle_force_n) for sample in samples[told + 20 :]) < 40.0
+    assert max(abs(sample.handle_force_n) for sample in samples[detected + 20 :]) < 40.0
 
 
 def test_a_trolley_that_slips_is_named(config: Config, world: WorldConfig) -> None:

@@ -85,9 +85,9 @@ def test_the_next_trolley_stands_before_the_grippers_within_its_error(world: Wor
     seen = set()
     for seed in range(20):
         contact = Contact(world.model_copy(update={"seed": seed}), Pose2(-world.handle_to_beam_m, 0.0, 0.0))
-        robot = Pose2(-4.0, 0.03, 0.02)
-        contact.place_next(robot, 0.45)
-        place = robot.inverse().compose(contact.handle)
+        follower_in_leader = Pose2(-4.0, 0.03, 0.02)
+        contact.place_next(follower_in_leader, 0.45)
+        place = follower_in_leader.inverse().compose(contact.handle)
         e_x, e_y, e_theta = world.place_error
         assert abs(place.x_m - 0.45) <= e_x
         assert abs(place.y_m) <= e_y
@@ -114,14 +114,14 @@ def test_casters_swing_round_and_push_until_they_have(world: WorldConfig) -> Non
         sideways.append(abs(trolley.velocity[1]))
     assert max(sideways) > 0.005
     v_x, v_y, _ = trolley.velocity
-    way = math.atan2(v_y, v_x) - trolley.handle.theta_rad
-    assert all(abs(angle - way) < 0.1 for angle in trolley.casters_rad)
+    direction = math.atan2(v_y, v_x) - trolley.handle.theta_rad
+    assert all(abs(angle - direction) < 0.1 for angle in trolley.casters_rad)
     assert math.hypot(v_x, v_y) > 0.2
 
 
 def test_a_trolley_that_would_stand_in_the_queue_is_a_mistake(config: Config) -> None:
     crowded = config.model_copy(update={"world": {**config.world, "docked": 8, "start": (3.0, 0.0, 0.0)}})
-    with pytest.raises(ConfigError, match="in the queue of 8"):
+    with pytest.raises(ConfigError, match="would overlap the queue of 8"):
         world_config(crowded, "here.toml")
 
 

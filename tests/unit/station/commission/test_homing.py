@@ -117,7 +117,7 @@ def test_without_such_an_axis_there_is_nothing_to_home() -> None:
     ("override", "message"),
     [
         ("follower_can.left_wheel.homing={HOMING}", "homing is for joints and lift"),
-        ("follower_can.lift.zero_counts=5", "zero_counts is of an absolute encoder"),
+        ("follower_can.lift.zero_counts=5", "zero_counts belongs to an absolute encoder"),
     ],
 )
 def test_configuration_of_homing_is_checked(override: str, message: str) -> None:

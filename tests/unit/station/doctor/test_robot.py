@@ -118,7 +118,6 @@ def drives(**values: Any) -> Drives:
         **dict.fromkeys(("lift_m", "v_set_m_s", "w_set_rad_s"), 0.0),
         "state": "disarmed",
         "cause": "",
-        "gate_rule": "",
         "stop_inputs_clear": True,
         "battery_v": 26.0,
     }

@@ -13,10 +13,8 @@ from common.channels import CHANNELS, FOLLOWER_SUMMARY, LEADER_STATE, LED_REQUES
 from common.config import Config, NetworkConfig, load_config
 from common.errors import ConfigError
 from gateway.access import OTHER, Robot, exports, robot_access
-from gateway.credentials import check_credentials
 from gateway.node import robot_router, site_router
 from station.cli import app
-from tests.net.gateways import needs_openssl, pki
 from tests.rigs.canbus_rig import CONFIG_PATH
 
 ROBOTS: tuple[Robot, ...] = tuple(OTHER)
@@ -156,20 +154,3 @@ def test_the_command_line_shows_the_settings_that_the_gateway_opens_with(config:
 def test_a_mistake_in_the_network_table_is_named(setting: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         load_config(CONFIG_PATH, [setting])
-
-
-@needs_openssl
-def test_credentials_that_cannot_serve_are_named_before_anything_opens(tmp_path: Path) -> None:
-    folder = tmp_path / "pki"
-    with pytest.raises(ConfigError, match=r"ca.pem: cannot be read; deploy/pki.sh makes it"):
-        check_credentials(folder, "follower")
-    assert pki(folder, "ca").returncode == 0
-    assert pki(folder, "issue", "follower", "--days", "10").returncode == 0
-    assert 9 * 86_400 < check_credentials(folder, "follower") <= 10 * 86_400
-    (folder / "follower.key").chmod(0o640)
-    with pytest.raises(ConfigError, match=r"follower.key: others may read it"):
-        check_credentials(folder, "follower")
-    (folder / "follower.key").chmod(0o600)
-    (folder / "follower.pem").write_text("nonsense")
-    with pytest.raises(ConfigError, match=r"follower.pem: not a certificate"):
-        check_credentials(folder, "follower")

@@ -13,8 +13,8 @@ from sim.world_config import WorldConfig
 Triple = tuple[float, float, float]
 
 
-class Limb:
-    """One arm: joint angles and speeds, geometry and friction of its own."""
+class ScaraPlant:
+    """One arm: joint angles and speeds, with its own geometry and friction. ``side``: 1 left, −1 right."""
 
     def __init__(self, config: ArmsConfig, world: WorldConfig, side: int) -> None:
         grown = 1.0 + world.link_error
@@ -28,7 +28,7 @@ class Limb:
         self.speeds = [0.0, 0.0, 0.0]
 
     def tip(self) -> tuple[Triple, tuple[Triple, Triple]]:
-        """Gripper pose in {F}; and x and y columns of its velocity by the joints' speeds."""
+        """Gripper pose in {F} (m, m, rad); rows x and y of its Jacobian by the three joint angles."""
         a1, a2, a3 = self.angles
         h2, h3 = a1 + a2, a1 + a2 + a3
         l1, l2, l3 = self.links
@@ -37,15 +37,15 @@ class Limb:
         x1, y1 = x2 + l1 * math.cos(a1), y2 + l1 * math.sin(a1)
         return (self.base[0] + x1, self.base[1] + y1, h3), ((-y1, -y2, -y3), (x1, x2, x3))
 
-    def place(self, goal: Triple) -> None:
-        """Bend the joints until the gripper is at ``goal`` in {F}: Newton's method from the posture it has.
+    def place(self, grip_in_follower: Triple) -> None:
+        """Bend the joints until the gripper is at a pose in {F} (m, m, rad): Newton's method from where it is.
 
         Raises:
             ConfigError: the joints cannot bring it there.
         """
         for _ in range(60):
             (x, y, heading), (by_x, by_y) = self.tip()
-            error = goal[0] - x, goal[1] - y, goal[2] - heading
+            error = grip_in_follower[0] - x, grip_in_follower[1] - y, grip_in_follower[2] - heading
             if max(map(abs, error)) < 1e-10:
                 return
             steps = np.linalg.lstsq(np.array([by_x, by_y, (1.0, 1.0, 1.0)]), np.array(error), rcond=1e-3)[0]
