@@ -1,4 +1,4 @@
-"""One record of every attempt: what it took, how near to its limits it came, and how it ended."""
+"""One record per attempt: durations, margins to limits, interventions, and how it ended."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SERVOED: tuple[Phase, ...] = ("approach",)
 
 @dataclass
 class _Running:
-    """What has been gathered of the attempt under way."""
+    """Record of the attempt in progress."""
 
     begin_ns: int
     since_ns: int
@@ -42,14 +42,23 @@ class _Running:
 
 
 class AttemptReport:
-    """Steps beside the sequence with what that saw; pure."""
+    """Steps after the sequence with the same inputs; pure."""
 
     def __init__(self, config: Config) -> None:
         self._config = config
         self._running: _Running | None = None
 
     def step(self, inputs: SupervisorInputs, mission: Mission, attempt: Attempt) -> dict[str, Any] | None:
-        """Take one step and what came of it; the record, as a JSON table, when an attempt ended with it."""
+        """Take one step.
+
+        Args:
+            inputs: of the sequence.
+            mission: that the sequence decided.
+            attempt: in progress, or the last one.
+
+        Returns:
+            The record as a JSON table if an attempt ended with this step, else None.
+        """
         running, phase = self._running, mission.phase
         if running is None:
             if phase not in ENDED:
@@ -79,7 +88,7 @@ class AttemptReport:
         running.set_before = None
 
     def _count_gate(self, running: _Running, drives: Drives | None) -> None:
-        """Interventions by the rules they were for; of several within one step all count for the last one's."""
+        """Count the gate's interventions by rule; of several within one step all count for the last rule."""
         if drives is None:
             return
         if running.interventions is not None:
@@ -95,7 +104,7 @@ class AttemptReport:
         running.waiting = waiting
 
     def _measure_margins(self, running: _Running, inputs: SupervisorInputs) -> None:
-        """Smallest distances to the image's edge, the gate's rates, and the age at which a state is refused."""
+        """Smallest margins: to the image's edge, the gate's rate limits, the age at which a state is refused."""
         state, drives = inputs.state, inputs.drives
         if state is not None:
             age_ms = (inputs.now_ns - state.capture_ns) / NS_PER_MS
@@ -104,15 +113,15 @@ class AttemptReport:
                 if feature is not None:
                     self._least(running, "field_of_view_px", self._to_edge_px(*feature))
         if drives is not None:
-            told = drives.v_set_m_s, drives.w_set_rad_s
-            before, running.set_before = running.set_before, told
+            setpoint = drives.v_set_m_s, drives.w_set_rad_s
+            before, running.set_before = running.set_before, setpoint
             if before is not None:
                 period_s = self._config.controller.period_ms / 1000.0
                 limits = self._config.limits
                 v_most = limits.gate_acceleration_m_s2 * period_s
                 w_most = limits.gate_angular_acceleration_rad_s2 * period_s
-                self._least(running, "dv_m_s", v_most - abs(told[0] - before[0]))
-                self._least(running, "dw_rad_s", w_most - abs(told[1] - before[1]))
+                self._least(running, "dv_m_s", v_most - abs(setpoint[0] - before[0]))
+                self._least(running, "dw_rad_s", w_most - abs(setpoint[1] - before[1]))
 
     def _to_edge_px(self, alpha: float, beta: float) -> float:
         camera = self._config.camera
