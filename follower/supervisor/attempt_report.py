@@ -23,7 +23,7 @@ _SERVOED: tuple[Phase, ...] = ("approach",)
 
 
 @dataclass
-class _Running:
+class _AttemptRecord:
     """Record of the attempt in progress."""
 
     begin_ns: int
@@ -46,7 +46,7 @@ class AttemptReport:
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        self._running: _Running | None = None
+        self._running: _AttemptRecord | None = None
 
     def step(self, inputs: SupervisorInputs, mission: Mission, attempt: Attempt) -> dict[str, Any] | None:
         """Take one step.
@@ -62,7 +62,7 @@ class AttemptReport:
         running, phase = self._running, mission.phase
         if running is None:
             if phase not in ENDED:
-                self._running = _Running(inputs.now_ns, inputs.now_ns, phase)
+                self._running = _AttemptRecord(inputs.now_ns, inputs.now_ns, phase)
             return None
         self._count_gate(running, inputs.drives)
         if running.phase in _SERVOED:
@@ -75,7 +75,7 @@ class AttemptReport:
         self._running = None
         return self._record(running, inputs.now_ns, mission, attempt)
 
-    def _change(self, running: _Running, inputs: SupervisorInputs, phase: Phase, attempt: Attempt) -> None:
+    def _change(self, running: _AttemptRecord, inputs: SupervisorInputs, phase: Phase, attempt: Attempt) -> None:
         spent_s = (inputs.now_ns - running.since_ns) / NS_PER_S
         running.phases_s[running.phase] = round(running.phases_s.get(running.phase, 0.0) + spent_s, 3)
         if inputs.state is not None and inputs.state.valid:
@@ -87,7 +87,7 @@ class AttemptReport:
         running.phase, running.since_ns = phase, inputs.now_ns
         running.set_before = None
 
-    def _count_gate(self, running: _Running, drives: Drives | None) -> None:
+    def _count_gate(self, running: _AttemptRecord, drives: Drives | None) -> None:
         """Count the gate's interventions by rule; of several within one step all count for the last rule."""
         if drives is None:
             return
@@ -98,12 +98,12 @@ class AttemptReport:
             running.intervened += more
         running.interventions = drives.gate_interventions
 
-    def _count_pause(self, running: _Running, waiting: str) -> None:
+    def _count_pause(self, running: _AttemptRecord, waiting: str) -> None:
         if waiting and not running.waiting:
             running.pauses[waiting] += 1
         running.waiting = waiting
 
-    def _measure_margins(self, running: _Running, inputs: SupervisorInputs) -> None:
+    def _measure_margins(self, running: _AttemptRecord, inputs: SupervisorInputs) -> None:
         """Smallest margins: to the image's edge, the gate's rate limits, the age at which a state is refused."""
         state, drives = inputs.state, inputs.drives
         if state is not None:
@@ -129,10 +129,10 @@ class AttemptReport:
         u, v = lens.cx_px + lens.fx_px * alpha, lens.cy_px + lens.fy_px * beta
         return min(u, v, camera.width_px - 1 - u, camera.height_px - 1 - v)
 
-    def _least(self, running: _Running, name: str, value: float) -> None:
+    def _least(self, running: _AttemptRecord, name: str, value: float) -> None:
         running.margins[name] = min(value, running.margins.get(name, math.inf))
 
-    def _record(self, running: _Running, now_ns: int, mission: Mission, attempt: Attempt) -> dict[str, Any]:
+    def _record(self, running: _AttemptRecord, now_ns: int, mission: Mission, attempt: Attempt) -> dict[str, Any]:
         return {
             "schema": ATTEMPT_SCHEMA,
             "trolley": attempt.trolley,
