@@ -136,3 +136,11 @@ def undervoltage(base: BaseConfig, drives: Drives | None) -> str:
 def not_enabled(drives: Drives | None) -> str:
     """The drives did not follow the arm token; with the cause that they report, if any."""
     return "drives not enabled" + (f" ({drives.cause})" if drives is not None and drives.cause else "")
+
+
+def stopped_by_silence(drives: Drives) -> bool:
+    """Whether the gate stopped because the drives were silent: then the stop inputs count as STOP as well.
+
+    That is no pressed button; a pressed one is reported in the next step, as the new epoch clears the gate's cause.
+    """
+    return drives.state == "stopped" and cause_code(drives.cause) in (NODE_SILENT, "status_age", "bridge_stalled")

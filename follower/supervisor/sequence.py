@@ -14,8 +14,8 @@ from common.config import Config
 from common.geometry import Array
 from common.messages import Answer, DockRequest, Drives, FollowerSummary, Mission, Phase
 from common.timing import NS_PER_S
-from follower.supervisor.attempt import Attempt
-from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs, SupervisorOutputs
+from follower.supervisor.attempt import Attempt, stopped_by_silence
+from follower.supervisor.interface import Grip, PhaseOutputs, PhaseResult, SupervisorInputs, SupervisorOutputs
 from follower.supervisor.phases.acquire import AcquirePhase, SearchPhase
 from follower.supervisor.phases.approach import ApproachPhase
 from follower.supervisor.phases.contact import InsertPhase, PushPhase
@@ -79,14 +79,7 @@ class DockingSequence:
         self._drives_silent_ns = 0
         self._reckoning = PoseReckoning(config.base)
         self._standstill = Standstill(config.base)
-        self._attempt = Attempt(
-            config=config,
-            trolley=1,
-            epoch=run_id,
-            taught=None,
-            reckoning=self._reckoning,
-            standstill=self._standstill,
-        )
+        self._attempt = self._new_attempt(1, None, "closed")
         self._apart: bool | None = None
         self._touched_trolley = 0
 
@@ -198,18 +191,20 @@ class DockingSequence:
         return self._phase == "aborted" and (in_contact or needs_reset(self._cause))
 
     def _begin(self, trolley: int, inputs: SupervisorInputs) -> None:
-        grip = self._attempt.grip
         self._epoch += 1
-        self._attempt = Attempt(
+        self._attempt = self._new_attempt(trolley, self._taught, self._attempt.grip)
+        self._follow(PhaseResult("start"), inputs)
+
+    def _new_attempt(self, trolley: int, taught: Mapping[int, Array] | None, grip: Grip) -> Attempt:
+        return Attempt(
             config=self._config,
             trolley=trolley,
             epoch=self._epoch,
-            taught=self._taught,
+            taught=taught,
             reckoning=self._reckoning,
             standstill=self._standstill,
             grip=grip,
         )
-        self._follow(PhaseResult("start"), inputs)
 
     # --- what ends a docking in any phase
 
@@ -221,7 +216,7 @@ class DockingSequence:
             silent = attempt.armed and self._drives_silent_ns > _SILENT_NS
             return PhaseResult("failed", "drives_silent") if silent else None
         attempt.enabled = attempt.enabled or attempt.obeyed(drives)
-        if not drives.stop_inputs_clear and not _stopped_by_silence(drives):
+        if not drives.stop_inputs_clear and not stopped_by_silence(drives):
             return PhaseResult("failed", "stop_input")
         if drives.state == "fault":
             return PhaseResult("failed", f"drive_fault: {drives.cause}")
@@ -301,11 +296,3 @@ class DockingSequence:
             gripped=inputs.arms is not None and inputs.arms.gripped,
             needs_reset=self._latched(),
         )
-
-
-def _stopped_by_silence(drives: Drives) -> bool:
-    """Whether the gate stopped because the drives were silent: then the stop inputs count as STOP as well.
-
-    That is no pressed button; a pressed one is reported in the next step, as the new epoch clears the gate's cause.
-    """
-    return drives.state == "stopped" and cause_code(drives.cause) in (NODE_SILENT, "status_age", "bridge_stalled")
