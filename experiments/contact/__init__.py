@@ -1,1 +1,1 @@
-"""Contact by joint torque: true contacts found, pads and bumps not taken for one."""
+"""Contact by joint torque: contacts recognised, and no false ones over pads and bumps."""

@@ -4,7 +4,7 @@ Pushes: speed, load, rolling resistance, friction in the arms, wheel gain and la
 pushed from the goal into the Leader's guide. Recognised: ``contact`` while the guide resists and before the beam is
 seated, then ``connected`` behind its seat, and neither before. Approaches: two to four pads with edges to climb, at
 up to 0.4 m/s; any contact, connection, slip or collision is false. ``by_torque_alone`` counts approaches on which
-torque without the visual error would have told contact. The arms' own code runs closed-loop at 100 Hz
+torque without the visual error would have reported contact. The arms' own code runs closed-loop at 100 Hz
 against the simulated arms, trolley and guide; no CAN, camera or controller.
 """
 
@@ -41,7 +41,7 @@ _LASTING_CYCLES = 15
 
 
 @dataclass(frozen=True)
-class Job:
+class ContactJob:
     """One run: ``push`` or ``approach``, its number and the campaign's seed; the configuration as JSON."""
 
     case: str
@@ -52,7 +52,7 @@ class Job:
 
 @dataclass(frozen=True)
 class PushRun:
-    """What came of one push: the beam [m in {L}] and force [N] at contact and connection, NaN for never."""
+    """Result of one push: the beam [m in {L}] and force [N] at contact and connection, NaN for never."""
 
     recognised: bool
     early: bool
@@ -67,28 +67,28 @@ def run(out: Path, seed: int = 1, trials: int = 100, config: Config | None = Non
 
     Args:
         out: folder for the results; made if missing.
-        seed: of loads, speeds and pads; the same seed gives the same results at any number of ``jobs``.
+        seed: random seed of loads, speeds and pads; the same seed gives the same results at any number of ``jobs``.
         trials: pushes, and approaches.
         config: the robots; None: the default configuration.
         jobs: processes.
     """
     robots = config if config is not None else load_config(default_config_path())
     text = robots.model_dump_json()
-    pushes = run_all(push_job, [Job("push", i, seed, text) for i in range(trials)], jobs, "pushes")
-    alarms = run_all(approach_job, [Job("approach", i, seed, text) for i in range(trials)], jobs, "approaches")
+    pushes = run_all(push_job, [ContactJob("push", i, seed, text) for i in range(trials)], jobs, "pushes")
+    alarms = run_all(approach_job, [ContactJob("approach", i, seed, text) for i in range(trials)], jobs, "approaches")
     rows = [
         row("davpc", "push", trials, _push_metrics(pushes)),
         row("davpc", "approach over pads", trials, _approach_metrics(alarms)),
     ]
     settings = {"load_kg": LOAD_KG, "push_m_s": PUSH_M_S, "approach_m_s": APPROACH_M_S, "pad_height_m": PAD_HEIGHT_M}
     results = write_results(out, "contact", seed, {"trials": trials, **settings}, rows, [], robots)
-    _, pushed = push_samples(Job("push", 0, seed, text))
-    _, rolled = approach_samples(Job("approach", 0, seed, text))
+    _, pushed = push_samples(ContactJob("push", 0, seed, text))
+    _, rolled = approach_samples(ContactJob("approach", 0, seed, text))
     draw_contact(_columns(pushed), _columns(rolled), robots.arms, out / "contact.png")
     return results
 
 
-def push_job(job: Job) -> PushRun:
+def push_job(job: ContactJob) -> PushRun:
     """One push."""
     world, samples = push_samples(job)
     touches, ends = world.guide_ramp_m
@@ -106,7 +106,7 @@ def push_job(job: Job) -> PushRun:
     )
 
 
-def approach_job(job: Job) -> tuple[bool, bool]:
+def approach_job(job: ContactJob) -> tuple[bool, bool]:
     """Whether one approach gave any alarm, and whether it would have by torque alone."""
     _, samples = approach_samples(job)
     threshold_n = _config(job.config_text).arms.contact_force_n
@@ -119,7 +119,7 @@ def approach_job(job: Job) -> tuple[bool, bool]:
     return alarm, lasted >= _LASTING_CYCLES
 
 
-def push_samples(job: Job) -> tuple[WorldConfig, list[Sample]]:
+def push_samples(job: ContactJob) -> tuple[WorldConfig, list[Sample]]:
     """One push as the supervisor does it: it stops 60 ms after ``connected``."""
     config, random = _config(job.config_text), np.random.default_rng([job.seed, job.number, 1])
     world = _world(config, job, random)
@@ -138,7 +138,7 @@ def push_samples(job: Job) -> tuple[WorldConfig, list[Sample]]:
     return world, samples
 
 
-def approach_samples(job: Job) -> tuple[WorldConfig, list[Sample]]:
+def approach_samples(job: ContactJob) -> tuple[WorldConfig, list[Sample]]:
     """One approach over pads: up to speed, across, and slowing down before the goal."""
     config, random = _config(job.config_text), np.random.default_rng([job.seed, job.number, 2])
     world = _world(config, job, random)
@@ -166,7 +166,7 @@ def _config(text: str) -> Config:
     return Config.model_validate_json(text)
 
 
-def _world(config: Config, job: Job, random: np.random.Generator) -> WorldConfig:
+def _world(config: Config, job: ContactJob, random: np.random.Generator) -> WorldConfig:
     """The plant with this run's load and friction."""
     load_kg = float(random.uniform(*LOAD_KG))
     drawn = {

@@ -18,13 +18,13 @@ from sim.world_config import WorldConfig
 PLANT_STEP_S = 0.002
 PLANT_STEPS_PER_CYCLE = 5
 CYCLE_NS = 10_000_000
-# per mille of the rated torque, as the drives tell it: 25 N·m at the joint
+# per mille of the rated torque, the drives' resolution: 25 N·m at the joint
 _TORQUE_STEP_N_M = 0.025
 _START_NS = 1_000_000_000
 
 
 class BenchMotor:
-    """A drive without its bus: follows its set-point at once, tells torque in steps."""
+    """A drive without its bus: follows its set-point at once, reports torque in steps."""
 
     torque_limit_n_m = 25.0
 
@@ -47,7 +47,7 @@ class BenchMotor:
 
 @dataclass(frozen=True)
 class Sample:
-    """One cycle: time, truth and what the arms say."""
+    """One cycle: time, truth and state of the arms."""
 
     time_s: float
     beam_x_m: float
@@ -86,7 +86,7 @@ class ContactBench:
         self._lift.position_setpoint = config.arms.lift_height_m
         self.arms = SimulatedArms(config.arms, world, self._joints, self._grippers, self._lift)
         self._hold = HandleHold(config.arms, config.base)
-        self._speed_m_s = self._told_m_s = 0.0
+        self._speed_m_s = self._commanded_m_s = 0.0
         self._time_ns = _START_NS
         self._mission = resting_mission(config)
         self._pending: ArmSetpoint | None = None
@@ -98,11 +98,17 @@ class ContactBench:
         return self._robot_x_m
 
     def cycle(self, speed_m_s: float, contact_expected: bool, grip: Literal["open", "closed"] = "closed") -> Sample:
-        """10 ms: what was measured one cycle ago goes to the arms, what they answered then to the motors."""
+        """Advance 10 ms: the arms get the measurements of one cycle ago, the motors the arms' answer to earlier ones.
+
+        Args:
+            speed_m_s: commanded speed of the base.
+            contact_expected: as in the mission.
+            grip: as in the mission.
+        """
         if (contact_expected, grip) != (self._mission.contact_expected, self._mission.grip):
             self._mission = replace(self._mission, contact_expected=contact_expected, grip=grip)
         limit = self._config.limits.gate_acceleration_m_s2 * CYCLE_NS / 1e9
-        self._told_m_s += min(limit, max(-limit, speed_m_s - self._told_m_s))
+        self._commanded_m_s += min(limit, max(-limit, speed_m_s - self._commanded_m_s))
         self._obey()
         fresh = self._drives()
         state = self._hold.feel(self._measured, self._mission)
@@ -116,18 +122,18 @@ class ContactBench:
         return Sample(time_s, contact.beam_x_m, contact.handle_force_n, contact.seated, state)
 
     def _obey(self) -> None:
-        told = self._pending
-        if told is None:
+        setpoint = self._pending
+        if setpoint is None:
             return
-        torques = (*told.joint_torque_n_m, *told.grip_torque_n_m)
+        torques = (*setpoint.joint_torque_n_m, *setpoint.grip_torque_n_m)
         for motor, torque in zip((*self._joints, *self._grippers), torques, strict=True):
             motor.torque_setpoint_n_m = torque
-        self._lift.position_setpoint = told.lift_m
+        self._lift.position_setpoint = setpoint.lift_m
 
     def _step(self) -> None:
         dt_s, world, contact = PLANT_STEP_S, self._world, self.contact
         gain = 1.0 + world.load_gain_per_kg * world.trolley_mass_kg
-        self._speed_m_s += dt_s / world.wheel_lag_s * (gain * self._told_m_s - self._speed_m_s)
+        self._speed_m_s += dt_s / world.wheel_lag_s * (gain * self._commanded_m_s - self._speed_m_s)
         self._robot_x_m += self._speed_m_s * dt_s
         handle = contact.handle
         v_x, v_y, turn = contact.handle_velocity()
@@ -154,7 +160,7 @@ class ContactBench:
             lift_m=self._lift.angle_rad,
             stop_inputs_clear=True,
             battery_v=26.0,
-            v_set_m_s=self._told_m_s,
+            v_set_m_s=self._commanded_m_s,
             w_set_rad_s=0.0,
             command_sequence=0,
             image_to_can_ns=0,

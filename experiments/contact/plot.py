@@ -13,7 +13,14 @@ Columns = dict[str, Array]
 
 
 def draw_contact(push: Columns, approach: Columns, arms: ArmsConfig, path: Path) -> None:
-    """One push with contact and connection marked, one approach over pads, with the thresholds."""
+    """Draw one push with contact and connection marked, and one approach over pads, with the thresholds.
+
+    Args:
+        push: samples of the push as columns of equal length.
+        approach: samples of the approach, alike.
+        arms: thresholds.
+        path: file to write.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -22,7 +29,7 @@ def draw_contact(push: Columns, approach: Columns, arms: ArmsConfig, path: Path)
     upper, lower = figure.subplots(2, 1)
     for axis, run, title in ((upper, push, "push into the guide"), (lower, approach, "approach over rubber pads")):
         axis.plot(run["time_s"], run["true_n"], color="0.65", lw=1, label="true force on the handle")
-        axis.plot(run["time_s"], run["felt_n"], color="#0072b2", label="felt in the six joint torques")
+        axis.plot(run["time_s"], run["felt_n"], color="#0072b2", label="from the six joint torques")
         axis.plot(run["time_s"], run["resistance_n"], ":", color="#009e73", label="learned resistance")
         axis.plot(
             run["time_s"],

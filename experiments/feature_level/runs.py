@@ -16,11 +16,11 @@ from experiments.feature_level.scenes import Level, method_config, pixel_config
 from experiments.feature_level.trial import Outcome, fly, fly_in, goal_task, summarise
 from experiments.shared.results import row
 
-Job = tuple["Case", int]
+Flight = tuple["MethodCase", int]
 
 
 @dataclass(frozen=True)
-class Case:
+class MethodCase:
     """A method in one setting; the configuration as JSON, by which a process knows the solver it has built.
 
     ``label`` is the method's name in the results; ``array`` counts at feature level only.
@@ -40,13 +40,13 @@ class Case:
 def make_case(
     config: Config, method: str, name: str, starts: list[Pose2], disturbances: Disturbances, seed: int,
     array: str = "vertical", label: str = "", level: Level = "features",
-) -> Case:  # fmt: skip
+) -> MethodCase:  # fmt: skip
     """A case; its runs are numbered by their starts."""
     text = config.model_dump_json()
-    return Case(method, label or method, name, text, array, tuple(starts), disturbances, seed, level)
+    return MethodCase(method, label or method, name, text, array, tuple(starts), disturbances, seed, level)
 
 
-def fly_job(job: Job) -> Outcome:
+def fly_job(job: Flight) -> Outcome:
     """Fly run ``i`` of a case; its noise depends on the seed and ``i`` alone, so methods meet the same noise."""
     case, i = job
     seed = [case.seed, i]
@@ -58,17 +58,17 @@ def fly_job(job: Job) -> Outcome:
     return fly(factory.task, factory.make(), case.starts[i], seed, case.disturbances)
 
 
-def metrics_job(job: Job) -> dict[str, float]:
+def metrics_job(job: Flight) -> dict[str, float]:
     """The metrics alone: little to send between processes."""
     return fly_job(job).metrics
 
 
-def all_jobs(cases: list[Case]) -> list[Job]:
+def all_jobs(cases: list[MethodCase]) -> list[Flight]:
     """Every run of every case."""
     return [(case, i) for case in cases for i in range(len(case.starts))]
 
 
-def table(cases: list[Case], metrics: list[dict[str, float]]) -> list[dict[str, Any]]:
+def table(cases: list[MethodCase], metrics: list[dict[str, float]]) -> list[dict[str, Any]]:
     """Rows of the results from the metrics of :func:`all_jobs`, in its order."""
     rows, at = [], 0
     for case in cases:

@@ -8,7 +8,7 @@ from typing import Any
 from common.config import Config
 from experiments.bench.control import record_problems, time_solver
 from experiments.feature_level.plots import draw_sweep
-from experiments.feature_level.runs import Case, all_jobs, make_case, metrics_job, table
+from experiments.feature_level.runs import MethodCase, all_jobs, make_case, metrics_job, table
 from experiments.feature_level.scenes import DISTURBANCES, DISTURBED_START, method_config, paper_start, random_starts
 from experiments.feature_level.sweep_settings import with_bandwidth, with_horizon
 from experiments.shared.campaign import run_all
@@ -43,7 +43,7 @@ def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 10) -> di
     return results
 
 
-def _median_ms(config: Config, case: Case, seed: int) -> float:
+def _median_ms(config: Config, case: MethodCase, seed: int) -> float:
     setting = method_config(config, case.method)
     problems = record_problems(setting, TIMED_PROBLEMS, seed)
     return time_solver(setting, setting.controller.solver, problems).median_ms

@@ -10,7 +10,7 @@ import numpy as np
 
 from common.config import Config
 from experiments.feature_level.cramer_rao import bound
-from experiments.feature_level.runs import Case, Job, all_jobs, fly_job, make_case, table
+from experiments.feature_level.runs import Flight, MethodCase, all_jobs, fly_job, make_case, table
 from experiments.feature_level.scenes import (
     DISTURBANCES,
     DURATION_S,
@@ -79,7 +79,7 @@ def run(
     return write_results(out, "table1", seed, settings, rows, list(PAPER_TABLE), config, NOTE)
 
 
-def _case(config: Config, method: str, name: str, trials: int, seed: int, level: Level = "features") -> Case:
+def _case(config: Config, method: str, name: str, trials: int, seed: int, level: Level = "features") -> MethodCase:
     array = "tilted" if name.endswith("tilted") else "vertical"
     flown = FLOWN.get(method, method)
     seen = pixel_config(config, flown) if level == "pixels" else method_config(config, flown, array)
@@ -87,7 +87,7 @@ def _case(config: Config, method: str, name: str, trials: int, seed: int, level:
     return make_case(config, flown, name, starts, DISTURBANCES["none"], seed, array, method, level)
 
 
-def measured_job(job: Job) -> tuple[dict[str, float], dict[str, float] | None]:
+def measured_job(job: Flight) -> tuple[dict[str, float], dict[str, float] | None]:
     """A flight's metrics and, of the default method's first ones at feature level, the Cramér–Rao bound along it."""
     case, i = job
     outcome = fly_job(job)

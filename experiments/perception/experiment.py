@@ -36,7 +36,7 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Job:
+class LookJob:
     """One approach: the scene's name, the seed, whether the array is lit and the robot drives; the configuration
     as JSON.
     """
@@ -48,7 +48,7 @@ class Job:
     drives: bool = True
 
 
-def look_job(job: Job) -> list[Look]:
+def look_job(job: LookJob) -> list[Look]:
     """Every frame of one approach."""
     config = Config.model_validate_json(job.config_text)
     optics = Optics(config.camera, config.leds, seed=1)
@@ -82,7 +82,7 @@ def run(
     text = robots.model_dump_json()
     rows: list[Row] = []
     for name in scenes:
-        looks = run_all(look_job, [Job(name, seed, text) for seed in range(seeds)], jobs, name)
+        looks = run_all(look_job, [LookJob(name, seed, text) for seed in range(seeds)], jobs, name)
         rows.append({"method": robots.estimator.method, "case": name, "metrics": scene_metrics(looks)})
         rows += _band_rows(robots, name, looks)
         _write_picture(out / f"scene_{name}.png", optics, robots, looks[0][len(looks[0]) // 3])
@@ -110,7 +110,7 @@ def _dark_rows(config_text: str, seeds: int, jobs: int) -> list[Row]:
     """Forty lamps and no LED: frames in which some are taken for the array at all, and such as are confirmed."""
     rows: list[Row] = []
     for case, drives in (("40 lamps, driving", True), ("40 lamps, standing", False)):
-        todo = [Job("clutter40", seed, config_text, lit=False, drives=drives) for seed in range(seeds)]
+        todo = [LookJob("clutter40", seed, config_text, lit=False, drives=drives) for seed in range(seeds)]
         looks = [look for looks in run_all(look_job, todo, jobs, f"no LED, {case}") for look in looks]
         taken = sum(look.detection.leds_seen > 0 for look in looks)
         metrics = {

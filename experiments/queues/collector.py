@@ -1,4 +1,4 @@
-"""Who collects: asks for one docking after the other, as a person at the panel would. Pure; time is an argument."""
+"""Requests one docking after the other, as an operator would. Pure; time is an argument."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _ENDED = ("done", "aborted")
 
 
 class Collector:
-    """Asks to dock trolleys ``first`` … ``first + count − 1``; a docking that fails ends the collection.
+    """Requests dockings of trolleys ``first`` … ``first + count − 1``; a docking that fails ends the collection.
 
-    Before a later trolley than the first it tells the Leader how many stand in the queue already. A request is
-    repeated with its id until it is answered.
+    If ``first`` is not 1 it first sets the Leader's count of the queue. A request is repeated with its id until it is
+    answered.
     """
 
     def __init__(self, first: int, count: int, start_ns: int, name: str = "collect") -> None:
@@ -32,13 +32,13 @@ class Collector:
         self._ended = False
 
     def take(self, mission: Mission) -> None:
-        """The supervisor's newest mission."""
+        """Take the supervisor's newest mission."""
         self._ended = self._accepted and mission.trolley == self.trolley and mission.phase in _ENDED
         if self._ended and (mission.phase == "aborted" or self.trolley == self._last):
             self.finished = True
 
     def answered(self, answer: Answer) -> None:
-        """What became of a request."""
+        """Take the answer to a request."""
         if answer.id == self._id("count") and not self._counted:
             self._counted = answer.outcome == "done"
         elif answer.id == self._id("dock") and not self._accepted:
@@ -50,7 +50,7 @@ class Collector:
             self._fail(f"request {answer.id} {answer.outcome}: {answer.reason}")
 
     def step(self, now_ns: int) -> DockRequest | LockRequest | None:
-        """What to ask now."""
+        """The request to send now, if any."""
         if self._ended and not self.finished:
             self.trolley += 1
             self._accepted = self._ended = False
@@ -63,7 +63,13 @@ class Collector:
         self._repeats += 1
         self._due_ns = now_ns + _REPEAT_NS
         if not self._counted:
-            return LockRequest(self._id("count"), 1000 * _VALID_S, "count", self.trolley - 1, confirmed=True)
+            return LockRequest(
+                id=self._id("count"),
+                valid_for_ms=1000 * _VALID_S,
+                action="count",
+                trolley=self.trolley - 1,
+                confirmed=True,
+            )
         return DockRequest(self._id("dock"), now_ns + _VALID_S * NS_PER_S, "start", self.trolley)
 
     def _id(self, what: str) -> str:

@@ -1,6 +1,6 @@
-"""The incidents: what happens, when, and which ends are right by the failure modes of docs/safety.md.
+"""The incidents: what happens, when, and which ends are right by ``docs/safety.md`` (failure modes).
 
-Whatever does not end docked still holds its trolley.
+A docking that does not succeed still holds its trolley.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from common.messages import Phase
 
 
 @dataclass(frozen=True)
-class Case:
-    """One incident: in which phase and how long after its begin, for how long, what may come of it.
+class Incident:
+    """One incident: in which phase and how long after its start, for how long, which ends are right.
 
     Attributes:
         ends: the causes that are right, "done" for a docking that succeeds.
-        names: what the cause's text must say beside its code; after a docking that succeeded, what it paused for.
+        names: text that the cause must contain; after a docking that succeeded, what it paused for.
         never_arms: nothing may be armed.
-        pauses: what it must lead to on the way: a pause alone, or a search after it.
-        rearms: it must have been stopped, disarmed and armed anew on the way.
+        pauses: what it must lead to meanwhile: a pause alone, or a search after it.
+        rearms: it must have been stopped, disarmed and re-armed meanwhile.
         jam_m: how far before its place the trolley is blocked.
     """
 
@@ -40,14 +40,14 @@ class Case:
 
     @property
     def first(self) -> int:
-        """The trolley that the run begins with: only one that is taken up anew passes through staging."""
+        """First trolley of the run: only one that is gripped during the run passes through staging."""
         return self.trolley - 1 if self.phase == "staging" else self.trolley
 
 
 _LED_PHASES: tuple[Phase, ...] = (
     "staging", "acquire", "search", "approach", "insert", "push", "lock", "release", "retract",
 )  # fmt: skip
-# once the Leader has said that the trolley is locked, nothing more is asked of it
+# once the Leader has confirmed the lock, nothing more is requested of it
 _OFF_ENDS: dict[Phase, str] = {
     "staging": "leader_lost",
     "acquire": "leader_lost",
@@ -62,25 +62,27 @@ _OFF_ENDS: dict[Phase, str] = {
 CASES = {
     case.name: case
     for case in (
-        Case("hidden 0.3 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=0.3, pauses="pause"),
-        Case("hidden 1 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=1.0, pauses="pause"),
-        Case("hidden 5 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=5.0, pauses="search"),
-        Case("jam of trolley 1", "jam", "approach", ("contact_early",)),
-        # so near its place the joints feel what they feel at the guide: sight tells, or the seat's switch
-        Case(
+        Incident("hidden 0.3 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=0.3, pauses="pause"),
+        Incident("hidden 1 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=1.0, pauses="pause"),
+        Incident("hidden 5 s", "hide", "approach", ("done",), delay_s=2.0, duration_s=5.0, pauses="search"),
+        Incident("jam of trolley 1", "jam", "approach", ("contact_early",)),
+        # so near its place joint torques are as at the guide: the camera or the seat's switch shows the difference
+        Incident(
             "late jam of trolley 1",
             "jam",
             "approach",
             ("contact_early", "contact_elsewhere", "lock_refused"),
             jam_m=0.05,
         ),
-        Case("jam of trolley 2", "jam", "approach", ("contact_early",), trolley=2),
-        Case(
+        Incident("jam of trolley 2", "jam", "approach", ("contact_early",), trolley=2),
+        Incident(
             "late jam of trolley 2", "jam", "approach", ("contact_early", "contact_elsewhere"), trolley=2, jam_m=0.05
         ),
-        Case("lock's bolt blocked", "bolt", "approach", ("lock_refused",), names="jammed"),
-        Case("lock switch stuck open", "switch_open", "approach", ("lock_refused",), names="lock switch not reached"),
-        Case(
+        Incident("lock's bolt blocked", "bolt", "approach", ("lock_refused",), names="jammed"),
+        Incident(
+            "lock switch stuck open", "switch_open", "approach", ("lock_refused",), names="lock switch not reached"
+        ),
+        Incident(
             "lock switch stuck closed",
             "switch_closed",
             "idle",
@@ -88,21 +90,21 @@ CASES = {
             names="lock switch closed",
             never_arms=True,
         ),
-        Case(
+        Incident(
             "lock switch sticks closed in approach",
             "switch_closed",
             "approach",
             ("lock_refused", "lock_implausible"),
             names="lock switch closed",
         ),
-        Case(
+        Incident(
             "lock switch sticks closed in lock",
             "switch_closed",
             "lock",
             ("lock_refused",),
             names="lock switch closed",
         ),
-        Case(
+        Incident(
             "wheels slip for 1 s",
             "slip",
             "approach",
@@ -112,7 +114,7 @@ CASES = {
             names="the wheels slip",
             pauses="pause",
         ),
-        Case(
+        Incident(
             "wheels slip for good",
             "slip",
             "approach",
@@ -121,13 +123,15 @@ CASES = {
             duration_s=math.inf,
             names="the wheels slip",
         ),
-        Case("controller stalls for 0.2 s", "stall", "approach", ("done",), delay_s=2.0, duration_s=0.2, rearms=True),
+        Incident(
+            "controller stalls for 0.2 s", "stall", "approach", ("done",), delay_s=2.0, duration_s=0.2, rearms=True
+        ),
         *(
-            Case(f"LED dies in {phase}", "led", phase, ("done", "few_leds"), 2 if phase == "staging" else 1)
+            Incident(f"LED dies in {phase}", "led", phase, ("done", "few_leds"), 2 if phase == "staging" else 1)
             for phase in _LED_PHASES
         ),
         *(
-            Case(f"Leader off in {phase}", "leader", phase, (ends,), 2 if phase == "staging" else 1)
+            Incident(f"Leader off in {phase}", "leader", phase, (ends,), 2 if phase == "staging" else 1)
             for phase, ends in _OFF_ENDS.items()
         ),
     )

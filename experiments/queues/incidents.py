@@ -1,7 +1,7 @@
-"""What goes wrong at a collection, and what the robots do: ``davpc experiment incidents``.
+"""Incidents during a collection, and how the robots react: ``davpc experiment incidents``.
 
-Each case is done in several seeds; its end must be that of docs/safety.md, with the right cause on the wire and
-in the report of the attempt, at standstill, and with the trolley still held where anything is in contact.
+Each incident runs with several seeds. It must end as ``docs/safety.md`` demands, with the right cause in the mission
+and in the attempt's report, at standstill, and with the trolley still held where anything is in contact.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from common.causes import cause_code, needs_reset
 from common.config import Config
 from common.messages import Phase
 from common.timing import NS_PER_S
-from experiments.queues.incident_cases import CASES, Case
+from experiments.queues.incident_cases import CASES, Incident
 from experiments.queues.run import Backstage, Docking, plan, run_plan
 from experiments.shared.campaign import run_all
 from experiments.shared.results import missed_note, row, write_results
@@ -25,18 +25,18 @@ START, SPREAD = (3.6, 0.25, 0.0), (0.15, 0.15, 4.0)
 _STANDING_M_S = 0.01
 _OCCLUDER_AHEAD_M, _OCCLUDER_RADIUS_M = 1.9, 0.45
 _LINGER_S = 1.0
-_WET_GRIP = 0.0  # of the wheels' way
+_WET_GRIP = 0.0  # share of the wheels' motion that moves the robot
 _SEARCH_AFTER_S, _SEARCH_HIDDEN_S = 2.0, 5.0
-# of an approach without a LED, until that is noticed and it has slowed down
+# from a dead LED until it is noticed and the approach has slowed down
 _SLOWED_S = 1.6
 
 
 @dataclass(frozen=True)
-class Job:
+class IncidentJob:
     """One incident in one seed."""
 
     config_text: str
-    case: Case
+    case: Incident
     seed: int
     trial: int
 
@@ -47,17 +47,17 @@ class End:
 
     Attributes:
         ended: the cause's code, or "done".
-        cause: as it was told, with its detail.
-        still: it stood still.
-        held: it held the trolley.
-        latched_rightly: it waits for a person if, and only if, the cause asks for one or something was in contact.
-        happened: the incident came to pass.
-        reported: the record on disk says the same.
+        cause: as reported, with its detail.
+        still: the robot stood.
+        held: the arms held the trolley.
+        latched_rightly: it waits for a reset if, and only if, the cause needs one or something was in contact.
+        happened: the incident took place.
+        reported: the record on disk agrees.
         armed: the arm token was given.
-        paused: why the approach did, by the report.
+        paused: causes of pauses, by the report.
         searches, rearmed: by the report.
-        slow: with a dead LED the approach went on no faster than it may.
-        phases: on the way.
+        slow: with a dead LED the approach kept its reduced speed.
+        phases: in order.
     """
 
     ended: str
@@ -78,9 +78,18 @@ class End:
 def run(
     out: Path, seed: int, jobs: int, config: Config, trials: int = 5, cases: tuple[str, ...] = tuple(CASES)
 ) -> dict[str, Any]:
-    """Run every case ``trials`` times; write ``results.json`` and ``table.md``."""
+    """Run every incident ``trials`` times; write ``results.json`` and ``table.md``.
+
+    Args:
+        out: folder to write to.
+        seed: random seed; the results do not depend on ``jobs``.
+        jobs: processes.
+        config: the robots.
+        trials: runs of each incident.
+        cases: names in :data:`CASES`.
+    """
     text = config.model_dump_json()
-    todo = [Job(text, CASES[name], seed, trial) for name in cases for trial in range(trials)]
+    todo = [IncidentJob(text, CASES[name], seed, trial) for name in cases for trial in range(trials)]
     ends = run_all(incident_job, todo, jobs, "incidents")
     ended: dict[str, list[str]] = {}
     rows, wrong = [], []
@@ -99,8 +108,8 @@ def run(
     return write_results(out, "incidents", seed, settings, rows, [], config, missed_note(wrong))
 
 
-def is_right(case: Case, end: End) -> bool:
-    """Whether it ended as docs/safety.md requires."""
+def is_right(case: Incident, end: End) -> bool:
+    """Whether it ended as ``docs/safety.md`` demands."""
     if not (end.happened and end.still and end.reported and end.slow and end.ended in case.ends):
         return False
     if case.pauses and not (end.paused and bool(end.searches) == (case.pauses == "search")):
@@ -112,7 +121,7 @@ def is_right(case: Case, end: End) -> bool:
     return end.latched_rightly and end.held and case.names in end.cause
 
 
-def incident_job(job: Job) -> End:
+def incident_job(job: IncidentJob) -> End:
     """One run."""
     config, case = Config.model_validate_json(job.config_text), job.case
     draws = np.random.default_rng((job.seed, job.trial, len(case.name)))
@@ -129,7 +138,7 @@ def incident_job(job: Job) -> End:
         cause=docking.cause,
         still=mishap.still,
         held=mishap.held,
-        latched_rightly=docking.phase != "aborted" or docking.needs_reset == needs_a_person(docking),
+        latched_rightly=docking.phase != "aborted" or docking.needs_reset == must_latch(docking),
         happened=mishap.began_ns is not None and docking.trolley == case.trolley,
         reported=report_agrees(report, docking),
         armed=docking.ever_armed,
@@ -141,22 +150,22 @@ def incident_job(job: Job) -> End:
     )
 
 
-def needs_a_person(docking: Docking) -> bool:
+def must_latch(docking: Docking) -> bool:
     """After S2, and after whatever ends in contact."""
     touched = any(phase in ("insert", "push", "lock", "release", "retract") for phase, _ in docking.phases_s)
     return touched or needs_reset(docking.cause)
 
 
 def report_agrees(report: dict[str, Any], docking: Docking) -> bool:
-    """Whether the record on disk tells the end, its cause and whether a person is asked for."""
-    told = report.get("docked"), report.get("cause"), report.get("code"), report.get("needs_reset")
-    return told == (docking.phase == "done", docking.cause, cause_code(docking.cause), docking.needs_reset)
+    """Whether the record on disk agrees on the end, its cause and the reset that it needs."""
+    recorded = report.get("docked"), report.get("cause"), report.get("code"), report.get("needs_reset")
+    return recorded == (docking.phase == "done", docking.cause, cause_code(docking.cause), docking.needs_reset)
 
 
 class _Mishap:
-    """Lets one incident happen, and looks on until the end."""
+    """Triggers one incident, and observes until the end."""
 
-    def __init__(self, case: Case, led: int, reduced_m_s: float) -> None:
+    def __init__(self, case: Incident, led: int, reduced_m_s: float) -> None:
         self._case, self._led, self._reduced_m_s = case, led, reduced_m_s
         self.began_ns: int | None = None
         self.still = self.held = self.fast = False
@@ -190,7 +199,7 @@ class _Mishap:
             self.fast = self.fast or plant.v_m_s > self._reduced_m_s + _STANDING_M_S
 
     def _show_or_hide(self, now_ns: int, stage: Backstage) -> None:
-        """End what hides the LEDs; a search needs something that hides them before it comes to one."""
+        """End the occlusion of the LEDs; an incident in a search first needs one that leads to a search."""
         if self._shown_ns is not None and now_ns >= self._shown_ns:
             stage.world.plant.occluders = ()
         waited = self._approach_ns is not None and now_ns - self._approach_ns >= _SEARCH_AFTER_S * NS_PER_S

@@ -1,7 +1,7 @@
 """The approach without the link between the robots: ``davpc experiment linkcut``.
 
-Each trial docks twice with the same seed, once with the link cut for good at a random time of the approach. The
-velocity commands must be equal to the bit; the docking then ends by name in the lock step, grippers closed.
+Each trial docks twice with the same seed, once with the link cut permanently at a random time of the approach. The
+velocity commands must be bit-equal; the docking then ends with its named cause in the lock step, grippers closed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ EXPECTED_CAUSE = "leader_silent"
 
 
 @dataclass(frozen=True)
-class Job:
+class CutJob:
     """One pair of runs."""
 
     config_text: str
@@ -33,8 +33,8 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Pair:
-    """What became of one: commands of the approach, how many differ, both ends, whether the trolley is still held."""
+class CutResult:
+    """One pair: commands of the approach, how many differ, both ends, whether the trolley is still held."""
 
     cut_s: float
     commands: int
@@ -45,8 +45,16 @@ class Pair:
 
 
 def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 20) -> dict[str, Any]:
-    """Run ``trials`` pairs; write ``results.json`` and ``table.md``."""
-    todo = [Job(config.model_dump_json(), seed, trial) for trial in range(trials)]
+    """Run ``trials`` pairs; write ``results.json`` and ``table.md``.
+
+    Args:
+        out: folder to write to.
+        seed: random seed; the results do not depend on ``jobs``.
+        jobs: processes.
+        config: the robots.
+        trials: pairs of runs.
+    """
+    todo = [CutJob(config.model_dump_json(), seed, trial) for trial in range(trials)]
     pairs = run_all(pair_job, todo, jobs, "pairs")
     equal = [pair.commands > 0 and pair.different == 0 for pair in pairs]
     named = [pair.cut == EXPECTED_CAUSE and pair.held for pair in pairs]
@@ -62,7 +70,7 @@ def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 20) -> di
     return write_results(out, "linkcut", seed, settings, rows, [], config, missed_note(missed))
 
 
-def pair_job(job: Job) -> Pair:
+def pair_job(job: CutJob) -> CutResult:
     """Both runs."""
     config = Config.model_validate_json(job.config_text)
     draws = np.random.default_rng((job.seed, job.trial))
@@ -77,7 +85,7 @@ def pair_job(job: Job) -> Pair:
     cut = run_plan(what, _note_grip(held), round(cut_s * NS_PER_S))[-1]
     pairs = list(zip(linked.commands, cut.commands, strict=False))
     different = sum(a != b for a, b in pairs) + abs(len(linked.commands) - len(cut.commands))
-    return Pair(
+    return CutResult(
         cut_s - begin_s,
         len(linked.commands),
         different,
@@ -95,7 +103,7 @@ def _approach(docking: Docking) -> tuple[float, float]:
 
 
 def _note_grip(held: list[bool]) -> Accident:
-    """Nothing happens but that the grip is looked at."""
+    """No accident: only notes the grip."""
 
     def look(now_ns: int, phase: str, stage: Backstage) -> None:  # noqa: ARG001
         held.append(stage.world.plant.arms.holding)

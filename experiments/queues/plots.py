@@ -9,7 +9,7 @@ import numpy as np
 
 from common.config import Config
 from common.geometry import Pose2
-from experiments.queues.run import Docking, Trace
+from experiments.queues.run import Docking, DockingTrace
 from sim.optics.image import Optics, View
 from sim.optics.scenes import named_scene
 
@@ -29,7 +29,14 @@ def _canvas(rows: int, columns: int, size_in: tuple[float, float]) -> tuple[Any,
 def draw_sequential(
     queues: list[list[Docking]], image_bounds: list[tuple[float, float]], config: Config, path: Path
 ) -> None:
-    """As in the paper's figure of errors: e_y and e_θ by trolley, each docking, mean, bound, bound of the image."""
+    """The paper's figure of errors: e_y and e_θ by trolley, every docking, mean, bound, and what the image allows.
+
+    Args:
+        queues: dockings of each queue.
+        image_bounds: (e_y [cm], e_θ [°]) that the image allows, by trolley.
+        config: the robots.
+        path: file to write.
+    """
     figure, axes = _canvas(2, 1, (9, 7))
     numbers = np.arange(1, len(image_bounds) + 1)
     names = (("e_y_cm", "e_y [cm]"), ("e_theta_deg", "e_θ [°]"))
@@ -53,7 +60,7 @@ def draw_sequential(
 
 
 def draw_scenarios(shown: dict[str, tuple[dict[str, Any], Docking]], config: Config, out: Path) -> None:
-    """As in the paper's figure of experiments: for each scenario three snapshots, θ measured and estimated, u_F."""
+    """The paper's figure of its experiments: by scenario three snapshots, θ measured and estimated, u_F over time."""
     columns = len(_SNAPSHOTS) + 2
     figure, axes = _canvas(len(shown), columns, (4 * columns, 3.4 * len(shown)))
     for cells, (name, (changes, docking)) in zip(axes, shown.items(), strict=True):
@@ -77,7 +84,14 @@ def _approach_rows(docking: Docking) -> int:
 
 
 def snapshot(config: Config, changes: dict[str, Any], pose: tuple[float, float, float], number: int) -> Any:
-    """The camera's image at a pose of the Follower in {L}, (h, w), with the scene as it is then."""
+    """The camera's image (h, w) in a scenario.
+
+    Args:
+        config: the robots.
+        changes: to ``[world]``: scene and seed.
+        pose: of {F} in {L}: x [m], y [m], θ [rad].
+        number: of the frame, which gives the time in the scene.
+    """
     camera = config.camera
     image = np.zeros((camera.height_px, camera.width_px), np.uint8)
     scene = named_scene(changes["scene"], changes["seed"])
@@ -88,7 +102,7 @@ def snapshot(config: Config, changes: dict[str, Any], pose: tuple[float, float, 
     return image
 
 
-def _draw_series(trace: Trace, heading: Any, output: Any) -> None:
+def _draw_series(trace: DockingTrace, heading: Any, output: Any) -> None:
     seconds = np.array(trace.time_s) - trace.time_s[0]
     heading.plot(seconds, np.degrees(trace.theta_homography), ".", ms=1.5, color="0.6", label="θ measured")
     heading.plot(seconds, np.degrees(trace.theta_estimated), color=_BLUE, label="θ estimated")

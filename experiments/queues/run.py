@@ -1,6 +1,6 @@
-"""Dockings in a row in stepped time, every process and every pixel of it: what an experiment runs in one job.
+"""Dockings in a row in stepped time, with all processes and every pixel: one job of an experiment.
 
-The same nodes as on the robots, against the simulated world; the truth is taken from that world, not from messages.
+The same nodes as on the robots run against the simulated world; the truth is that of the world, not of messages.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import json
 import math
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,8 @@ _AFTER_END_S = 0.5
 
 
 @dataclass(frozen=True)
-class Plan:
-    """One run: configuration (as JSON), what of its ``[world]`` is different, and which trolleys are docked.
+class QueuePlan:
+    """One run: configuration (as JSON), changes to its ``[world]``, and which trolleys are docked.
 
     ``traced``: keep θ, commands and pose by time, for a figure.
     """
@@ -49,7 +49,7 @@ class Plan:
 
 
 @dataclass
-class Trace:
+class DockingTrace:
     """By time [s] since the start: true and estimated θ_L^F, θ of the homography, command, true pose in {L}."""
 
     time_s: list[float] = field(default_factory=list)
@@ -63,12 +63,12 @@ class Trace:
 
 @dataclass
 class Docking:
-    """What became of one trolley.
+    """Result of one docking.
 
-    ``metrics`` are the true errors of the Follower at the end of the approach; ``locked`` is true of the world: the
-    trolley stands shut in guide or queue, and the bolt behind the first.
-    ``false_locks``: states of the approach that call themselves valid with heading or bearing off by more than 10°.
-    ``ever_armed``: the arm token was given. ``report`` is what the attempt left on disk; None: nothing.
+    ``metrics`` are the true errors of the Follower at the end of the approach. ``locked`` is the truth of the world:
+    the trolley stands home in guide or queue, and the bolt is behind the first. ``false_locks`` counts states of the
+    approach marked valid with heading or bearing off by more than 10°. ``ever_armed``: the arm token was given.
+    ``report`` is the attempt's record on disk; None: there is none.
     """
 
     trolley: int
@@ -82,34 +82,34 @@ class Docking:
     false_locks: int = 0
     phases_s: list[tuple[Phase, float]] = field(default_factory=list)
     commands: list[tuple[int, float, float]] = field(default_factory=list)
-    trace: Trace | None = None
+    trace: DockingTrace | None = None
 
     @property
     def done(self) -> bool:
-        """Docked, and truly so."""
+        """Docked, by the supervisor and in the world."""
         return self.phase == "done" and self.locked
 
 
 class Backstage:
-    """What an accident may lay hands on: the world's physical truth and the executor."""
+    """What an accident may change: the physical world and the executor."""
 
     def __init__(self, world: WorldNode, executor: SteppedExecutor) -> None:
         self.world, self.executor = world, executor
 
 
 Accident = Callable[[int, Phase, Backstage], None]
-"""Called with time, phase and the stage at every mission of the supervisor."""
+"""Called with time, phase and backstage at every mission of the supervisor."""
 
 
 class _Watcher(Node):
-    """Asks for the dockings, watches them, lets accidents happen."""
+    """Requests the dockings, watches them, triggers accidents."""
 
     name = "station"
     inputs = (WORLD, MISSION, COMMAND, DOCKING_STATE, DRIVES)
     outputs = (DOCK_REQUEST, LOCK_REQUEST)
     trigger = Trigger(period_ns=NS_PER_S // 10, wakes=inputs)
 
-    def __init__(self, config: Config, plan: Plan, start_ns: int, accident: Accident | None) -> None:
+    def __init__(self, config: Config, plan: QueuePlan, start_ns: int, accident: Accident | None) -> None:
         self._config, self._plan, self._accident = config, plan, accident
         self.collector = Collector(plan.first, plan.count, start_ns)
         self.backstage: Backstage | None = None
@@ -138,7 +138,7 @@ class _Watcher(Node):
 
     def _docking(self) -> Docking:
         if not self.dockings or self.dockings[-1].trolley != self.collector.trolley:
-            self.dockings.append(Docking(self.collector.trolley, trace=Trace() if self._plan.traced else None))
+            self.dockings.append(Docking(self.collector.trolley, trace=DockingTrace() if self._plan.traced else None))
         return self.dockings[-1]
 
     def _command(self, docking: Docking, command: Command) -> None:
@@ -186,7 +186,7 @@ class _Watcher(Node):
         }
 
     def _compare(self, docking: Docking, state: Any, now_ns: int) -> None:
-        """Estimate against truth; a pose far off that calls itself valid is a false lock."""
+        """Estimate against truth; a valid pose that is far off is a false lock."""
         truth = self._truth
         assert truth is not None
         relative = Pose2(truth.x_m, truth.y_m, truth.theta_rad).inverse()
@@ -207,14 +207,22 @@ class _Watcher(Node):
         trace.pose.append((truth.x_m, truth.y_m, truth.theta_rad))
 
 
-def plan(config: Config, first: int = 1, count: int = 1, traced: bool = False, **world: Any) -> Plan:
-    """A plan with changes to ``[world]``; trolleys before ``first`` stand in the queue already."""
+def plan(config: Config, first: int = 1, count: int = 1, traced: bool = False, **world: Any) -> QueuePlan:
+    """A plan of ``count`` dockings from trolley ``first`` on.
+
+    Args:
+        config: the robots.
+        first: first trolley; those before it stand in the queue already.
+        count: dockings in a row.
+        traced: keep time series for a figure.
+        world: changes to ``[world]``.
+    """
     changes = {"docked": first - 1, **world}
-    return Plan(config.model_dump_json(), tuple(sorted(changes.items())), first, count, traced)
+    return QueuePlan(config.model_dump_json(), tuple(sorted(changes.items())), first, count, traced)
 
 
-def planned_config(plan: Plan) -> Config:
-    """The configuration that a plan runs with: both buses in this process."""
+def planned_config(plan: QueuePlan) -> Config:
+    """The configuration of a plan: both buses in this process."""
     config = Config.model_validate_json(plan.config_text)
     stepped = {"interface": "stepped"}
     update = {
@@ -233,21 +241,21 @@ def _keep_reports(dockings: list[Docking], path: Path) -> None:
 
 
 def run_plan(
-    plan: Plan, accident: Accident | None = None, cut_ns: int | None = None, linger_s: float = _AFTER_END_S
+    plan: QueuePlan, accident: Accident | None = None, cut_ns: int | None = None, linger_s: float = _AFTER_END_S
 ) -> list[Docking]:
-    """Run it to its end.
+    """Run a plan to its end.
 
     Args:
-        plan: what.
-        accident: what happens on the way.
-        cut_ns: time from which nothing passes between the robots any more; None: never.
-        linger_s: how long to go on after the end, to see that it stays so.
+        plan: what to run.
+        accident: called at every mission; None: nothing happens.
+        cut_ns: time from which on nothing passes between the robots; None: never.
+        linger_s: time to go on after the end, to see that it persists.
     """
     cv2.setNumThreads(1)
     config, clock = planned_config(plan), SteppedClock()
     path = default_config_path()
     with tempfile.TemporaryDirectory(prefix="davpc-") as folder:
-        # a configured state directory is the real robot's: its queue and its reports are none of a simulation's
+        # the configured state directory belongs to the real robot: a simulation must not touch its queue and reports
         config = config.model_copy(update={"state_directory": folder})
         nodes: list[Node] = [
             entry.factory()(NodeContext(config, path, Path(folder), number, clock))
@@ -267,9 +275,3 @@ def run_plan(
     if watcher.collector.refused:
         watcher.dockings[-1].cause = watcher.collector.refused
     return watcher.dockings
-
-
-def as_row(docking: Docking) -> dict[str, Any]:
-    """A docking for ``results.json``, without its commands and trace."""
-    kept = asdict(docking)
-    return {key: kept[key] for key in ("trolley", "phase", "cause", "metrics", "locked", "false_locks")}

@@ -38,7 +38,7 @@ SPREAD = (0.3, 0.15, 5.0)
 
 
 @dataclass(frozen=True)
-class Job:
+class ScenarioJob:
     """One docking in a scenario."""
 
     config_text: str
@@ -54,13 +54,13 @@ def run(
 
     Args:
         out: folder to write to.
-        seed: of scenes, starts, loads and noise; the results do not depend on ``jobs``.
+        seed: random seed of scenes, starts, loads and noise; the results do not depend on ``jobs``.
         jobs: processes.
         config: the robots.
         cases: of :data:`SCENARIOS`.
     """
     text = config.model_dump_json()
-    todo = [Job(text, SCENARIOS[name], seed, trial) for name in cases for trial in range(trials)]
+    todo = [ScenarioJob(text, SCENARIOS[name], seed, trial) for name in cases for trial in range(trials)]
     dockings = run_all(scenario_job, todo, jobs, "scenarios")
     rows, missed = [], []
     for i, name in enumerate(cases):
@@ -79,14 +79,14 @@ def run(
     return results
 
 
-def world_changes(job: Job) -> dict[str, Any]:
+def world_changes(job: ScenarioJob) -> dict[str, Any]:
     """What of ``[world]`` is the scenario's: scene, start and seed."""
     draws = np.random.default_rng((job.seed, job.trial, len(job.scenario.name)))
     start = [float(s + draws.uniform(-w, w)) for s, w in zip(job.scenario.start, SPREAD, strict=True)]
     return {"scene": job.scenario.scene, "start": start, "seed": int(draws.integers(2**31))}
 
 
-def scenario_job(job: Job) -> Docking:
+def scenario_job(job: ScenarioJob) -> Docking:
     """One docking; the first of each scenario with its trace."""
     config = Config.model_validate_json(job.config_text)
     changes = {**world_changes(job), "trolley_load_kg": LOAD_KG}

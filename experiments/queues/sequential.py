@@ -1,7 +1,7 @@
 """The paper's sequential docking: queues of eight, each docking at pixel level: ``davpc experiment sequential``.
 
-Each trial is one queue, built in one run: a random start, loads and casters of the trolleys, where the next ones are
-put and how far nested ones roll back are drawn from the trial's seed.
+Each trial is one queue, built in one run. Start, loads and casters of the trolleys, where the next ones are placed
+and how far nested ones roll back are drawn from the trial's seed.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ START_M, START_SIDE_M, START_DEG = (5.0, 7.5), 1.5, 30.0
 LOAD_KG = 10.0
 # frames that the filter averages over, as in the paper: about 1.3 s
 AVERAGED_FRAMES = 80
-# means beyond these are missed: of the first trolley, which has to meet the guide, and of every other
+# limits of the mean errors: of the first trolley, which has to meet the guide, and of every other
 MEAN_LIMITS = {"first": {"e_y_cm": 0.5, "e_theta_deg": 0.25}, "later": {"e_y_cm": 1.5}}
 PAPER = [{"case": "trolley 1", "e_y_cm": 1.69, "e_theta_deg": 0.84}]
 
 
 @dataclass(frozen=True)
-class Job:
+class QueueJob:
     """One queue."""
 
     config_text: str
@@ -45,11 +45,11 @@ def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 10, troll
 
     Args:
         out: folder to write to.
-        seed: of everything random; the results do not depend on ``jobs``.
+        seed: random seed; the results do not depend on ``jobs``.
         jobs: processes.
         config: the robots.
     """
-    todo = [Job(config.model_dump_json(), trolleys, seed, trial) for trial in range(trials)]
+    todo = [QueueJob(config.model_dump_json(), trolleys, seed, trial) for trial in range(trials)]
     queues = run_all(queue_job, todo, jobs, "queues")
     bounds = [image_bound(config, trolley) for trolley in range(1, trolleys + 1)]
     rows = []
@@ -73,8 +73,8 @@ def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 10, troll
     return results
 
 
-def queue_job(job: Job) -> list[Docking]:
-    """One queue; without the commands, which nobody reads."""
+def queue_job(job: QueueJob) -> list[Docking]:
+    """One queue; without the commands, which nothing reads."""
     config = Config.model_validate_json(job.config_text)
     draws = np.random.default_rng((job.seed, job.trial))
     start = [
@@ -105,7 +105,7 @@ def metrics_of(config: Config, dockings: list[Docking]) -> dict[str, float | Non
 
 
 def missed(config: Config, queues: list[list[Docking]], trolleys: int) -> list[str]:
-    """Every docking that is not locked within its bound, that locked on something else, or that never began."""
+    """Every docking that is not locked within its bound, that locked on something else, or that never started."""
     found = []
     for i, queue in enumerate(queues):
         found += [f"trial {i}, trolley {d.trolley}: {fault}" for d in queue if (fault := fault_of(config, d))]

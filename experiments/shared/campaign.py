@@ -12,17 +12,22 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-Job = TypeVar("Job")
+Item = TypeVar("Item")
 Result = TypeVar("Result")
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def run_all(
-    work: Callable[[Job], Result], jobs_to_do: list[Job], jobs: int, title: str, console: Console | None = None
+    work: Callable[[Item], Result], jobs_to_do: list[Item], jobs: int, title: str, console: Console | None = None
 ) -> list[Result]:
     """``[work(job) for job in jobs_to_do]`` over ``jobs`` processes, in the given order.
 
-    ``work`` must be a function of a module, and depend on its job alone: then the result does not depend on ``jobs``.
+    Args:
+        work: function of a module that depends on its job alone, so that the result does not depend on ``jobs``.
+        jobs_to_do: arguments of ``work``.
+        jobs: number of processes.
+        title: of the progress bar.
+        console: for progress; None: stderr.
 
     Raises:
         ValueError: ``jobs`` is not positive.
@@ -51,7 +56,7 @@ def _line(title: str, done: int, total: int, elapsed_s: float) -> str:
 
 
 @contextmanager
-def _mapped(work: Callable[[Job], Result], todo: list[Job], jobs: int) -> Iterator[Iterable[Result]]:
+def _mapped(work: Callable[[Item], Result], todo: list[Item], jobs: int) -> Iterator[Iterable[Result]]:
     if jobs == 1:
         yield map(work, todo)
         return

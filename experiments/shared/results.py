@@ -24,7 +24,14 @@ HEADINGS = {
 
 
 def row(method: str, case: str, n: int, metrics: Mapping[str, float | None]) -> dict[str, Any]:
-    """One row of results.json."""
+    """One row of results.json.
+
+    Args:
+        method: the controller or fault under test.
+        case: what it ran on.
+        n: number of runs.
+        metrics: by name; None: not measured.
+    """
     return {"method": method, "case": case, "n": n, "metrics": dict(metrics)}
 
 
@@ -43,10 +50,20 @@ def write_results(
     config: Config,
     note: str = "",
 ) -> dict[str, Any]:
-    """Write ``results.json`` and ``table.md`` into the folder ``out``; returns the former's content.
+    """Write ``results.json`` and ``table.md``.
 
-    ``config`` is kept in the settings, so that a result tells what it was measured with; ``note`` stands below the
-    table.
+    Args:
+        out: folder to write to; made if missing.
+        experiment: its name.
+        seed: random seed.
+        settings: what was varied and how often.
+        rows: of :func:`row`.
+        paper: the paper's values for comparison.
+        config: added to the settings, so that a result records the configuration it was measured with.
+        note: text below the table.
+
+    Returns:
+        The content of ``results.json``.
     """
     settings = settings | configuration(config)
     out.mkdir(parents=True, exist_ok=True)
@@ -58,7 +75,7 @@ def write_results(
 
 
 def missed_note(missed: Sequence[str]) -> str:
-    """What stands below a table whose runs must all be right: how many are not, each on a line."""
+    """Note below a table whose runs must all be right: how many are not, each on a line."""
     return "\n".join([f"{len(missed)} missed:", *(f"- {line}" for line in missed)]) if missed else "None missed."
 
 

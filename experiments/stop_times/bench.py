@@ -1,8 +1,8 @@
-"""The bench of the stop times: bridge and controller as processes, simulated drives with the wheels up, a stop watch.
+"""The bench of the stop times: bridge and controller as processes, simulated drives with lifted wheels, a watch.
 
-Estimator, supervisor and arms are played by a feeder that publishes what they would: controller and bridge are killed
-here by the hundred, the others in :mod:`experiments.stop_times.robot`. Every frame on the bus passes the stop watch.
-A canary thread notices when the host itself stood still, so that such a trial can be repeated.
+A feeder publishes the messages of estimator, supervisor and arms: controller and bridge are killed here a hundred
+times, the others in :mod:`experiments.stop_times.robot`. Every frame on the bus passes the stop watch.
+A canary thread notices when the host itself stalled, so that such a trial can be repeated.
 """
 
 from __future__ import annotations
@@ -73,10 +73,10 @@ class StopBench:
         self._server.stop()
 
     def get_under_way(self) -> None:
-        """Start what is not running, arm a new epoch, and wait until both wheels are told to go at 0.3 m/s.
+        """Start what is not running, arm a new epoch, and wait until both wheels are commanded 0.3 m/s.
 
         Raises:
-            DeviceError: it did not come to that.
+            DeviceError: that state was not reached.
         """
         self.feeder.armed = False
         for name in (BRIDGE, CONTROLLER):
@@ -87,7 +87,7 @@ class StopBench:
         for _ in range(ARMING_ATTEMPTS):
             if self._arm():
                 return
-        raise DeviceError(f"{ARMING_ATTEMPTS} times armed and stopped again: see the logs in {self._logs}")
+        raise DeviceError(f"armed and stopped again {ARMING_ATTEMPTS} times: see the logs in {self._logs}")
 
     def _arm(self) -> bool:
         """One new epoch, as the supervisor begins it; false if the bridge stopped it before it was under way."""
@@ -101,7 +101,7 @@ class StopBench:
         def settled() -> bool:
             return self.watch.speed_counts() >= wanted or self._drives_state in ("stopped", "fault")
 
-        self._await(settled, UNDER_WAY_S, "the wheels are not told to move")
+        self._await(settled, UNDER_WAY_S, "the wheels are not commanded to move")
         return self._drives_state == "armed"
 
     def _see_drives(self, payload: bytes) -> None:
@@ -121,13 +121,13 @@ class StopBench:
         wait_for(condition, timeout_s, what, self._children, self._logs)
 
     def _turn_wheels(self, now_ns: int) -> None:
-        """Wheels up: they do what they are told."""
+        """Wheels lifted: they follow their set-points."""
         for wheel in (self._robot.left_wheel, self._robot.right_wheel):
             wheel.advance(now_ns)
             wheel.set_measured(0.0, wheel.velocity_setpoint_rad_s, 0.0)
 
     @staticmethod
     def _real_time() -> None:
-        """Above the processes under test, so that the watch is not late; the canary tells where that is refused."""
+        """Above the processes under test, so that the watch is not late; the canary shows where that is refused."""
         with contextlib.suppress(PermissionError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))

@@ -1,7 +1,7 @@
-"""``davpc experiment stop-times``: how long until the wheels are told to stop when a process dies or stands still.
+"""``davpc experiment stop-times``: how long until the wheels are commanded to stop when a process dies or hangs.
 
-docs/safety.md S01–S06, S27, S49, P01–P03. ``run`` writes ``results.json``: ``rows`` of method, n and metrics [ms].
-Controller and bridge die on a bench of their own, wheels up; camera, estimator, supervisor and arms in a whole robot.
+``docs/safety.md`` S01–S06, S27, S49, P01–P03. ``run`` writes ``results.json`` with ``rows`` of method, n and metrics [ms].
+Controller and bridge die on their own bench, wheels lifted; camera, estimator, supervisor and arms in a whole robot.
 Stop time: from the fault to the first frame that commands zero or quick stop; with the bridge dead or stopped, from
 its last RPDO until both drives are in quick stop. Limits: 150 ms, 250 ms for what stands above the controller, and
 120 ms for the bridge.
@@ -75,14 +75,14 @@ def run(
     progress: Callable[[str], None] = lambda _line: None,
     names: tuple[str, ...] = NAMES,
 ) -> dict[str, Any]:
-    """Measure every method; what was measured is on disk after each.
+    """Measure every method; results are on disk after each.
 
     Args:
         out: folder for results and logs; made if missing.
         config_path: the robots; None: the default configuration.
         trials: of each fault of the controller; the bridge gets half as many, the others three tenths.
         stalls: of controller or bridge, 0.2 to 10 s long.
-        seed: of the random moments.
+        seed: random seed of the moments of the faults.
         progress: takes one line per method.
         names: which of :data:`NAMES`.
     """
@@ -125,9 +125,9 @@ def run(
 
 
 def _trials(one: Callable[[], Trial], method: Method, trials: int) -> tuple[list[Trial], int]:
-    """Trials, and how many had to be repeated: those too slow while the host itself stood still.
+    """Trials, and how many had to be repeated: those too slow while the host itself stalled.
 
-    A stall of the host only ever delays a stop: a trial that keeps its limit in spite of one counts.
+    A stall of the host can only delay a stop: a trial that keeps its limit in spite of one counts.
     """
     count = math.ceil(trials * method.share)
     kept: list[Trial] = []
@@ -151,7 +151,7 @@ def _robot_trial(robot: StopRobot, method: Method, random: Random) -> Trial:
     robot.kill(method.process)
     robot.pause(_OBSERVED_S)
     watch = robot.watch
-    stop_ms = (watch.told_ns - fault_ns) / NS_PER_MS if watch.told_ns is not None else float("inf")
+    stop_ms = (watch.commanded_ns - fault_ns) / NS_PER_MS if watch.commanded_ns is not None else float("inf")
     return Trial(stop_ms, robot.canary.worst_ms(), watch.moved_after_stop)
 
 
@@ -165,7 +165,7 @@ def _trial(bench: StopBench, method: Method, random: Random) -> Trial:
     bench.signal(method.process, method.number)
     bench.pause(_OBSERVED_S)
     host_ms = bench.canary.worst_ms()
-    from_ns, stop_ns = fault_ns, watch.told_ns
+    from_ns, stop_ns = fault_ns, watch.commanded_ns
     if method.process == BRIDGE:
         from_ns, stop_ns = watch.last_rpdo_ns or fault_ns, watch.stopped_ns
     if method.number == signal.SIGSTOP:

@@ -1,4 +1,4 @@
-"""Plays estimator, supervisor and arms on the Follower's keys, for the bench of the stop times."""
+"""Publishes the messages of estimator, supervisor and arms, for the bench of the stop times."""
 
 from __future__ import annotations
 

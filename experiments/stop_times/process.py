@@ -1,4 +1,4 @@
-"""Starting the processes that a stop time is measured of."""
+"""Start of the processes whose stop time is measured."""
 
 from __future__ import annotations
 
@@ -52,8 +52,15 @@ def wait_for(
 ) -> None:
     """Wait until a condition holds.
 
+    Args:
+        condition: polled every 10 ms.
+        timeout_s: longest wait.
+        what: the state to report if it does not hold in time.
+        children: processes that must stay alive, by name.
+        logs: folder named in errors.
+
     Raises:
-        DeviceError: a child died by itself, or ``what`` still is after so long.
+        DeviceError: a child died by itself, or the condition does not hold in time.
     """
     deadline = time.monotonic() + timeout_s
     while not condition():

@@ -1,8 +1,8 @@
-"""The whole robot for the stop times: every process of a simulated run as it is, on its way to the Leader.
+"""The whole robot for the stop times: all processes of a simulated run, on the approach to the Leader.
 
-For camera, estimator, supervisor and arms, which cannot be played: each is killed under way and started again. The
-wheels' frames are noted by another client of the bus. The robot rolls half a metre a trial; near the Leader all of
-it is started anew.
+For camera, estimator, supervisor and arms, which a feeder cannot replace: each is killed under way and started again.
+Another client of the bus notes the wheels' frames. The robot rolls half a metre per trial; near the Leader everything
+is restarted.
 """
 
 from __future__ import annotations
@@ -58,10 +58,10 @@ class StopRobot:
         self.canary.close()
 
     def get_under_way(self) -> None:
-        """Start what is missing, dock anew, and wait until the wheels are told to go.
+        """Start what is missing, dock again, and wait until the wheels are commanded to move.
 
         Raises:
-            DeviceError: it did not come to that; the text says where the logs are.
+            DeviceError: that state was not reached; the text names the logs.
         """
         for name, child in self._children.items():
             if child.poll() is not None:
@@ -71,7 +71,7 @@ class StopRobot:
             self._open()
         self._await(self._all_alive, READY_S, "not every process is ready")
         self._await(self._docking_starts, READY_S, "no docking starts")
-        self._await(self._rolls, UNDER_WAY_S, "the wheels are not told to move")
+        self._await(self._rolls, UNDER_WAY_S, "the wheels are not commanded to move")
 
     def kill(self, name: str) -> None:
         """SIGKILL to one process."""
@@ -121,7 +121,7 @@ class StopRobot:
         return self._bus.alive() >= set(self._children)
 
     def _docking_starts(self) -> bool:
-        """End what was before, then ask; true once the supervisor accepts."""
+        """Abort and reset, then start a docking; true once the supervisor accepts."""
         actions: tuple[Literal["abort", "reset", "start"], ...] = ("abort", "reset", "start")
         for action in actions:
             now_ns = self._clock.now_ns()
@@ -131,7 +131,7 @@ class StopRobot:
         return outcome == "accepted"
 
     def _rolls(self) -> bool:
-        """Whether both wheels are told to go; a docking that ended before that is asked for again."""
+        """Whether both wheels are commanded to move; a docking that ended before is requested again."""
         if self._phase == "aborted":
             self._docking_starts()
             self._phase = ""

@@ -1,4 +1,4 @@
-"""The stop watch on the simulated bus, and the canary that tells when the host itself stood still."""
+"""The stop watch on the simulated bus, and the canary that notices stalls of the host."""
 
 from __future__ import annotations
 
@@ -22,43 +22,43 @@ _STOPPED = (PowerState.QUICK_STOP_ACTIVE, PowerState.SWITCH_ON_DISABLED)
 
 
 class WheelNotes:
-    """Remembers when the wheels were last told to move, and first told to stop since :meth:`restart`.
+    """Notes when the wheels were last commanded to move, and first commanded to stop since :meth:`restart`.
 
     Times are CLOCK_MONOTONIC [ns], None for what has not happened.
     """
 
     def __init__(self, node_ids: tuple[int, int]) -> None:
-        self._told: dict[int, int] = {RPDO[0] + node_id: 0 for node_id in node_ids}
+        self._velocity_counts: dict[int, int] = {RPDO[0] + node_id: 0 for node_id in node_ids}
         self.last_rpdo_ns: int | None = None
         self.moving_ns: int | None = None
-        self.told_ns: int | None = None
+        self.commanded_ns: int | None = None
         self.stopped_ns: int | None = None
         self.moved_after_stop = 0
 
     def restart(self) -> None:
         """Forget what was seen."""
-        self.told_ns = self.stopped_ns = self.moving_ns = None
+        self.commanded_ns = self.stopped_ns = self.moving_ns = None
         self.moved_after_stop = 0
 
     def speed_counts(self) -> int:
         """Smaller of the two wheels' target speeds, in counts per second."""
-        return min(map(abs, self._told.values()))
+        return min(map(abs, self._velocity_counts.values()))
 
     def note(self, frame: CanFrame, now_ns: int) -> None:
         """A frame that passed on the bus."""
-        if frame.can_id not in self._told or len(frame.data) != 6:
+        if frame.can_id not in self._velocity_counts or len(frame.data) != 6:
             return
         self.last_rpdo_ns = now_ns
         word, velocity = (
             int.from_bytes(frame.data[:2], "little"),
             int.from_bytes(frame.data[2:], "little", signed=True),
         )
-        self._told[frame.can_id] = velocity
+        self._velocity_counts[frame.can_id] = velocity
         if velocity == 0 or word & 0x04 == 0:
-            self.told_ns = self.told_ns or now_ns
+            self.commanded_ns = self.commanded_ns or now_ns
         else:
             self.moving_ns = now_ns
-            self.moved_after_stop += self.told_ns is not None or self.stopped_ns is not None
+            self.moved_after_stop += self.commanded_ns is not None or self.stopped_ns is not None
 
 
 class StopWatch(SimulatedBus):
@@ -104,7 +104,7 @@ class BusTap:
         self._bus.close()
 
     def _listen(self, priority: int) -> None:
-        with contextlib.suppress(PermissionError):  # the canary tells where that is refused
+        with contextlib.suppress(PermissionError):  # where that is refused the canary shows it
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
         with contextlib.suppress(BusLostError):
             while not self._stop.is_set():
@@ -114,7 +114,7 @@ class BusTap:
 
 
 class Canary:
-    """A thread that wants to run every 2 ms: the longest time that it could not is the host's fault.
+    """A thread that wants to run every 2 ms: the longest time that it could not is a stall of the host.
 
     Args:
         cpu: the core on which it sits, above all processes of a robot where that is allowed; None: as its creator.
@@ -128,7 +128,7 @@ class Canary:
         self._thread.start()
 
     def restart(self) -> None:
-        """Begin to look anew."""
+        """Forget earlier stalls."""
         self._worst_ns = 0
 
     def worst_ms(self) -> float:

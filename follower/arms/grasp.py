@@ -1,4 +1,4 @@
-"""Grasp, hold, release, retract: what grippers, lift and the arms' reference do, as a pure state machine."""
+"""Grasp, hold, release, retract: commands to grippers, lift and the arms' reference, as a pure state machine."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _REST_RAD_S = 0.1
 
 @dataclass(frozen=True)
 class Grasp:
-    """What is wanted now: grip torque [N·m], reference of the handle [m in {F}], lift [m], firmness 0 … 1."""
+    """Commands now: grip torque [N·m], reference of the handle [m in {F}], lift [m], firmness 0 … 1."""
 
     stage: GraspStage
     grip_torque_n_m: float
@@ -32,8 +32,8 @@ class GraspSequence:
     """Steps with each measurement, from :meth:`restart` on.
 
     Closing: ``reach`` to the handle's place and height, ``close``, ``hold``. Opening: ``relax`` the force first, so
-    that nothing springs away, ``open``, ``retract``. In place, for a person's hand, nothing but fingers and lift
-    moves, and only when asked.
+    that nothing springs away, ``open``, ``retract``. In place, in manual mode, only fingers and lift
+    move, and only on request.
     """
 
     def __init__(self, config: ArmsConfig) -> None:
@@ -47,8 +47,15 @@ class GraspSequence:
         self._lift_m = config.lift_height_m
 
     def restart(self, handle_x_m: float, angles_rad: tuple[float, float], lift_m: float, now_ns: int) -> None:
-        """Begin from where grippers and handle are; called while the drives do not obey, so that nothing jumps."""
-        # fingers that are neither on a handle nor open may still hold one on one side: they stay closed
+        """Begin from where grippers and handle are; called while the drives are not enabled, so that nothing jumps.
+
+        Args:
+            handle_x_m: measured place of the handle along x of {F}.
+            angles_rad: measured angles of the (left, right) finger.
+            lift_m: measured height of the lift.
+            now_ns: time of the sample before.
+        """
+        # fingers neither on a handle nor open may still hold one on one side: they stay closed
         self._stage = "hold" if self.gripped(angles_rad) else "retract" if self.released(angles_rad) else "close"
         self._stage_ns = self._now_ns = now_ns
         self._firmness = float(self._stage == "hold")
@@ -62,7 +69,14 @@ class GraspSequence:
         angles_rad: tuple[float, float],
         interval: SampleInterval,
     ) -> Grasp:
-        """One step by hand: arms stay where they were at :meth:`restart`, the lift too unless ``lift_m`` is asked."""
+        """One step in manual mode: the arms stay where they were at :meth:`restart`.
+
+        Args:
+            wanted: of the fingers; ``stay`` leaves them as they are.
+            lift_m: height of the lift; None: where it was.
+            angles_rad: measured angles of the (left, right) finger.
+            interval: from the sample before to this one.
+        """
         self._now_ns = interval.end_ns
         following = self._stage if wanted == "stay" else self._next_in_place(wanted == "open", angles_rad)
         if following != self._stage:
@@ -88,7 +102,14 @@ class GraspSequence:
         lift_m: float,
         interval: SampleInterval,
     ) -> Grasp:
-        """Take one step with the measured finger angles and lift height."""
+        """Take one step.
+
+        Args:
+            wanted: of the grippers.
+            angles_rad: measured angles of the (left, right) finger.
+            lift_m: measured height of the lift.
+            interval: from the sample before to this one.
+        """
         self._now_ns = interval.end_ns
         self._watch_fingers(angles_rad, interval)
         following = self._next(self._stage, wanted, angles_rad, lift_m)

@@ -1,4 +1,4 @@
-"""Both arms at the handle: measurements and mission in, what the arms feel and what they shall do out."""
+"""Both arms at the handle: measurements and mission in, arm state and set-points out."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from follower.arms.slip_detection import SlipDetector
 # what lasts is not judged across a gap: a longer one counts for this much
 _LONGEST_STEP_NS = 50 * NS_PER_MS
 _PUSH_N_S = 60.0
-# below one: dry friction in the joints holds what was pushed once, which would then count as resistance
+# below one: dry friction in the joints would hold a full push, which would then be learned as resistance
 _PUSH_SHARE = 0.7
 _DRIVING_M_S = 0.01
 _ACCELERATION_FILTER_S = 0.05
-# how fast a handle that stands askew as the drives begin to obey is brought before the chassis
+# how fast a handle that stands askew when the drives are enabled is brought in line with the chassis
 _STRAIGHTEN_M_S, _STRAIGHTEN_RAD_S = 0.03, 0.06
 
 
 class HandleHold:
     """Steps at 100 Hz with each measurement of the drives; :meth:`feel` first, then :meth:`hold`.
 
-    A slip or a collision is named until the next epoch, and the arms yield at once: reference where the handle is,
-    gains of free arms, no push. What the supervisor does about it follows within its own period.
+    A slip or a collision is reported until the next epoch, and the arms yield at once: reference where the handle
+    is, gains of free arms, no push. The supervisor reacts within its own period.
     """
 
     def __init__(self, arms: ArmsConfig, base: BaseConfig) -> None:
@@ -100,7 +100,7 @@ class HandleHold:
         return ArmSetpoint(mission.epoch, torques, (grip, grip), grasp.lift_m)
 
     def _straighten(self) -> None:
-        """Bring the reference before the chassis without a jump, which would be felt as a collision."""
+        """Bring the reference in line with the chassis without a jump, which would count as a collision."""
         dt_s = self._interval.dt_s
         steps = _STRAIGHTEN_M_S * dt_s, _STRAIGHTEN_RAD_S * dt_s
         aside_m, turned_rad = (
@@ -134,7 +134,7 @@ class HandleHold:
             return
         slipped = self._slip.step(drives.grip_angle_rad, drives.grip_torque_n_m, self._interval)
         if self._slip.suspected:
-            # an arm that loses its load jumps: that is no collision
+            # an arm that loses its load jumps: this is no collision
             self._collision.forget()
         collided = self._collision.step(drives.joint_torque_n_m, self._interval.end_ns)
         if collided:

@@ -1,4 +1,4 @@
-"""Arms process: handle torques, contact from joint torque."""
+"""Arms process: joint torques that hold the handle; contact from joint torques."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ArmsNode(Node):
         self._handle = HandleHold(config.arms, config.base)
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
-        """Feel always; hold only while there is a mission."""
+        """Measure always; hold only while there is a mission."""
         drives = inputs.arrived(DRIVES)
         if drives is None:
             return ()

@@ -1,4 +1,4 @@
-"""What the phases of one docking share, and the small judgements that several of them make."""
+"""State that the phases of one docking share, and the checks that several of them make."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from dataclasses import dataclass, field
 from common.causes import BAD_FRAMES, NODE_SILENT, cause_code
 from common.config import BaseConfig, Config
 from common.geometry import Array, Pose2, features_at
+from common.kinematics import path_from_wheels
 from common.messages import Drives
 from common.timing import NS_PER_S
 from follower.standstill import Standstill
 from follower.supervisor.interface import Grip, SupervisorInputs
 from follower.supervisor.reckoning import PoseReckoning
 
-# what passes by itself stops the robot, and may do so so often within so long; more often it does not pass
+# a stop for a passing cause is re-armed this often within this time; more often the cause is not a passing one
 MAX_REARMED, REARMED_WITHIN_S = 3, 20.0
 MAX_SEARCHES = 3
 MAX_RETRIES = 3
@@ -26,8 +27,8 @@ class Attempt:
     """One docking from start to end.
 
     ``armed`` is the arm token; ``enabled`` becomes true once the drives have followed it under this epoch.
-    ``retreating``: it goes back to the staging pose with the trolley, to try again. ``contact_begin_m`` is the
-    odometer where the insertion began.
+    ``retreating``: back to the staging pose with the trolley, to try again. ``contact_begin_m`` is the odometer
+    reading where the insertion began.
     """
 
     config: Config
@@ -49,7 +50,7 @@ class Attempt:
     desired: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Desired features: as taught, or as geometry gives them."""
+        """Desired features: as taught, or from geometry."""
         config = self.config
         self.goal = config.docking.goal(self.trolley)
         if self.taught is not None:
@@ -59,33 +60,32 @@ class Attempt:
 
     @property
     def rearmed(self) -> int:
-        """How often it was armed anew after somebody was late."""
+        """How often it was re-armed after a passing stop."""
         return len(self.rearmed_ns)
 
     def may_rearm(self, now_ns: int) -> bool:
-        """Whether it has not been armed anew too often of late."""
+        """Whether it has been re-armed less often than allowed in the last seconds."""
         return sum(now_ns - at_ns < REARMED_WITHIN_S * NS_PER_S for at_ns in self.rearmed_ns) < MAX_REARMED
 
     def odometer_m(self, drives: Drives) -> float:
-        """Way of the middle of the axle, by the wheels."""
-        return sum(drives.wheel_angle_rad) / 2 * self.config.base.wheel_radius_m
+        """Distance along the path of {F} by the wheels, from an arbitrary zero."""
+        return path_from_wheels(self.config.base, drives.wheel_angle_rad)[0]
 
     def heading_rad(self, drives: Drives) -> float:
         """Heading of {F} by the wheels, from an arbitrary zero."""
-        left, right = drives.wheel_angle_rad
-        return (right - left) * self.config.base.wheel_radius_m / self.config.base.track_m
+        return path_from_wheels(self.config.base, drives.wheel_angle_rad)[1]
 
     def obeyed(self, drives: Drives | None) -> bool:
         """Whether the drives are enabled under this epoch."""
         return self.armed and drives is not None and drives.state == "armed" and drives.epoch == self.epoch
 
     def to_goal_m(self) -> float | None:
-        """How far {F} still has to go along its axis, by the last sight and odometry; None if not known."""
+        """Distance to the goal along the axis of {F}, from the last valid state and odometry; None if unknown."""
         pose = self.reckoning.pose
         return None if pose is None else pose.x_m - self.goal.x_m
 
     def unwell(self, inputs: SupervisorInputs) -> str:
-        """What of the Follower itself is not as it should be for moving; empty if all is well."""
+        """Why the Follower itself may not move; empty if it may."""
         if inputs.drives is None:
             return "no drives"
         if cause_code(inputs.drives.cause) in (NODE_SILENT, BAD_FRAMES):
@@ -101,17 +101,17 @@ class Attempt:
         return ""
 
     def rolling(self) -> str:
-        """That the wheels still turn after a stop: nothing is armed on the way; empty if they do not."""
+        """The wait for standstill before arming; empty once the wheels stand."""
         return "" if self.standstill.holds else "standstill"
 
     def blind(self, inputs: SupervisorInputs) -> str:
-        """Why the Leader's array is not in sight; empty if it is."""
+        """Why the Leader's array is not in view; empty if it is."""
         if inputs.state is None:
             return "no docking state"
         return "" if inputs.state.valid else f"LEDs not acquired ({inputs.state.cause})"
 
     def leader_unready(self, inputs: SupervisorInputs) -> str:
-        """Why the Leader's lock does not suit this trolley, as far as it is heard: the approach needs no link."""
+        """Why the Leader's lock does not suit this trolley; empty without a link: it is not needed yet."""
         leader = inputs.leader
         if leader is None:
             return ""
@@ -127,12 +127,20 @@ class Attempt:
 
 
 def undervoltage(base: BaseConfig, drives: Drives | None) -> str:
-    """Why the battery bears no driving; empty if it does, or if nobody knows (SAFETY.md, row 46)."""
+    """Why the battery is too low to drive; empty if sufficient or not measured (``docs/safety.md`` S46)."""
     if drives is None or drives.battery_v >= base.battery_min_v:
         return ""
     return f"battery at {drives.battery_v:.1f} V, below {base.battery_min_v:g} V (base.battery_min_v)"
 
 
 def not_enabled(drives: Drives | None) -> str:
-    """That the drives did not follow the arm token, and why as far as they say."""
+    """The drives did not follow the arm token; with the cause that they report, if any."""
     return "drives not enabled" + (f" ({drives.cause})" if drives is not None and drives.cause else "")
+
+
+def stopped_by_silence(drives: Drives) -> bool:
+    """Whether the gate stopped because the drives were silent: then the stop inputs count as STOP as well.
+
+    That is no pressed button; a pressed one is reported in the next step, as the new epoch clears the gate's cause.
+    """
+    return drives.state == "stopped" and cause_code(drives.cause) in (NODE_SILENT, "status_age", "bridge_stalled")

@@ -1,4 +1,4 @@
-"""One record of every attempt: what it took, how near to its limits it came, and how it ended."""
+"""One record per attempt: durations, margins to limits, interventions, and how it ended."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _SERVOED: tuple[Phase, ...] = ("approach",)
 
 
 @dataclass
-class _Running:
-    """What has been gathered of the attempt under way."""
+class _AttemptRecord:
+    """Record of the attempt in progress."""
 
     begin_ns: int
     since_ns: int
@@ -42,18 +42,27 @@ class _Running:
 
 
 class AttemptReport:
-    """Steps beside the sequence with what that saw; pure."""
+    """Steps after the sequence with the same inputs; pure."""
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        self._running: _Running | None = None
+        self._running: _AttemptRecord | None = None
 
     def step(self, inputs: SupervisorInputs, mission: Mission, attempt: Attempt) -> dict[str, Any] | None:
-        """Take one step and what came of it; the record, as a JSON table, when an attempt ended with it."""
+        """Take one step.
+
+        Args:
+            inputs: of the sequence.
+            mission: that the sequence decided.
+            attempt: in progress, or the last one.
+
+        Returns:
+            The record as a JSON table if an attempt ended with this step, else None.
+        """
         running, phase = self._running, mission.phase
         if running is None:
             if phase not in ENDED:
-                self._running = _Running(inputs.now_ns, inputs.now_ns, phase)
+                self._running = _AttemptRecord(inputs.now_ns, inputs.now_ns, phase)
             return None
         self._count_gate(running, inputs.drives)
         if running.phase in _SERVOED:
@@ -66,7 +75,7 @@ class AttemptReport:
         self._running = None
         return self._record(running, inputs.now_ns, mission, attempt)
 
-    def _change(self, running: _Running, inputs: SupervisorInputs, phase: Phase, attempt: Attempt) -> None:
+    def _change(self, running: _AttemptRecord, inputs: SupervisorInputs, phase: Phase, attempt: Attempt) -> None:
         spent_s = (inputs.now_ns - running.since_ns) / NS_PER_S
         running.phases_s[running.phase] = round(running.phases_s.get(running.phase, 0.0) + spent_s, 3)
         if inputs.state is not None and inputs.state.valid:
@@ -78,8 +87,8 @@ class AttemptReport:
         running.phase, running.since_ns = phase, inputs.now_ns
         running.set_before = None
 
-    def _count_gate(self, running: _Running, drives: Drives | None) -> None:
-        """Interventions by the rules they were for; of several within one step all count for the last one's."""
+    def _count_gate(self, running: _AttemptRecord, drives: Drives | None) -> None:
+        """Count the gate's interventions by rule; of several within one step all count for the last rule."""
         if drives is None:
             return
         if running.interventions is not None:
@@ -89,13 +98,13 @@ class AttemptReport:
             running.intervened += more
         running.interventions = drives.gate_interventions
 
-    def _count_pause(self, running: _Running, waiting: str) -> None:
+    def _count_pause(self, running: _AttemptRecord, waiting: str) -> None:
         if waiting and not running.waiting:
             running.pauses[waiting] += 1
         running.waiting = waiting
 
-    def _measure_margins(self, running: _Running, inputs: SupervisorInputs) -> None:
-        """Smallest distances to the image's edge, the gate's rates, and the age at which a state is refused."""
+    def _measure_margins(self, running: _AttemptRecord, inputs: SupervisorInputs) -> None:
+        """Smallest margins: to the image's edge, the gate's rate limits, the age at which a state is refused."""
         state, drives = inputs.state, inputs.drives
         if state is not None:
             age_ms = (inputs.now_ns - state.capture_ns) / NS_PER_MS
@@ -104,15 +113,15 @@ class AttemptReport:
                 if feature is not None:
                     self._least(running, "field_of_view_px", self._to_edge_px(*feature))
         if drives is not None:
-            told = drives.v_set_m_s, drives.w_set_rad_s
-            before, running.set_before = running.set_before, told
+            setpoint = drives.v_set_m_s, drives.w_set_rad_s
+            before, running.set_before = running.set_before, setpoint
             if before is not None:
                 period_s = self._config.controller.period_ms / 1000.0
                 limits = self._config.limits
                 v_most = limits.gate_acceleration_m_s2 * period_s
                 w_most = limits.gate_angular_acceleration_rad_s2 * period_s
-                self._least(running, "dv_m_s", v_most - abs(told[0] - before[0]))
-                self._least(running, "dw_rad_s", w_most - abs(told[1] - before[1]))
+                self._least(running, "dv_m_s", v_most - abs(setpoint[0] - before[0]))
+                self._least(running, "dw_rad_s", w_most - abs(setpoint[1] - before[1]))
 
     def _to_edge_px(self, alpha: float, beta: float) -> float:
         camera = self._config.camera
@@ -120,10 +129,10 @@ class AttemptReport:
         u, v = lens.cx_px + lens.fx_px * alpha, lens.cy_px + lens.fy_px * beta
         return min(u, v, camera.width_px - 1 - u, camera.height_px - 1 - v)
 
-    def _least(self, running: _Running, name: str, value: float) -> None:
+    def _least(self, running: _AttemptRecord, name: str, value: float) -> None:
         running.margins[name] = min(value, running.margins.get(name, math.inf))
 
-    def _record(self, running: _Running, now_ns: int, mission: Mission, attempt: Attempt) -> dict[str, Any]:
+    def _record(self, running: _AttemptRecord, now_ns: int, mission: Mission, attempt: Attempt) -> dict[str, Any]:
         return {
             "schema": ATTEMPT_SCHEMA,
             "trolley": attempt.trolley,

@@ -1,4 +1,4 @@
-"""What the supervisor sees in one step, and what it decides."""
+"""Inputs and outputs of one step: of the supervisor, and of a phase within it."""
 
 from __future__ import annotations
 
@@ -23,10 +23,19 @@ Grip = Literal["open", "closed"]
 
 @dataclass(frozen=True, kw_only=True)
 class SupervisorInputs:
-    """One step's observations; None is what is missing or too old.
+    """Inputs of one step; None is what is missing or too old.
 
-    ``restarted`` names a process that began a new run since the last step, or is empty; ``unfit`` says why no new
-    docking may begin, whatever else is well (a full disk), or is empty.
+    Attributes:
+        now_ns: time of the step.
+        state: relative pose and features.
+        drives: what the drives measured, and the gate's state.
+        arms: contact, connection, grip.
+        leader: state of the Leader's LEDs, guide and lock.
+        controller_alive: a command arrived in time.
+        requests: for the docking.
+        lock_answers: of the Leader to lock requests.
+        restarted: a process that began a new run since the last step; empty: none.
+        unfit: why no new docking may begin although the robots are well (a full disk); empty: nothing.
     """
 
     now_ns: int
@@ -43,9 +52,9 @@ class SupervisorInputs:
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseOutputs:
-    """What a phase wants now: motion of the base, its caps, grippers, and at most one request to the Leader.
+    """What a phase asks for: motion of the base, speed caps, and at most one request to the Leader.
 
-    ``waiting`` names what it waits for; empty while nothing keeps it from going on.
+    ``waiting`` names what it waits for; empty while it proceeds.
     """
 
     motion: Literal["hold", "servo", "straight", "turn"] = "hold"
@@ -60,7 +69,7 @@ class PhaseOutputs:
 
 @dataclass(frozen=True)
 class PhaseResult:
-    """A phase is over: the event that ends it, and its cause if it is one to be named."""
+    """End of a phase: the event, with its cause if it has one."""
 
     event: Event
     cause: str = ""
@@ -68,7 +77,7 @@ class PhaseResult:
 
 @dataclass(frozen=True, kw_only=True)
 class SupervisorOutputs:
-    """What the supervisor wants: the mission, what others may know, answers, at most one request to the Leader."""
+    """Mission, summary for the Leader, answers to requests, at most one request to the Leader."""
 
     mission: Mission
     summary: FollowerSummary
@@ -77,7 +86,7 @@ class SupervisorOutputs:
 
 
 def straight(speed_m_s: float, contact_expected: bool = False, waiting: str = "") -> PhaseOutputs:
-    """Straight ahead, or back for a negative speed."""
+    """Drive straight ahead, or back for a negative speed."""
     return PhaseOutputs(
         motion="straight",
         straight_speed_m_s=speed_m_s,
@@ -88,5 +97,5 @@ def straight(speed_m_s: float, contact_expected: bool = False, waiting: str = ""
 
 
 def turning(rate_rad_s: float) -> PhaseOutputs:
-    """In place, to the left for a positive rate."""
+    """Turn in place, to the left for a positive rate."""
     return PhaseOutputs(motion="turn", turn_rate_rad_s=rate_rad_s, w_max_rad_s=abs(rate_rad_s), waiting="LEDs")

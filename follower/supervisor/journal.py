@@ -1,4 +1,4 @@
-"""Reports of attempts on disk, written beside the loop: a full disk never stops control, only the next start."""
+"""Reports of attempts on disk, written by a thread: a full disk never stops control, only the next start."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _PROBE_PERIOD_NS = 2 * NS_PER_S
 
 
 class Journal:
-    """One JSON line an attempt in ``attempts.jsonl``. While the disk takes nothing it is tried every 2 s."""
+    """One JSON line per attempt in ``attempts.jsonl``. While writing fails it is retried every 2 s."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -24,12 +24,12 @@ class Journal:
         self._probed_ns: int | None = None
 
     def keep(self, record: dict[str, Any] | None) -> None:
-        """Hand a record over; None is nothing to keep."""
+        """Append a record; None: nothing to append."""
         if record is not None:
             self._writer.append_line(self._folder / ATTEMPTS_FILE, json.dumps(record, ensure_ascii=False))
 
     def unfit(self, now_ns: int) -> str:
-        """Why no new docking may begin; empty while what was written last is on the disk."""
+        """Why no new docking may begin; empty while the last write succeeded."""
         due = self._probed_ns is None or (self._writer.fault and now_ns - self._probed_ns > _PROBE_PERIOD_NS)
         if due:
             self._probed_ns = now_ns
@@ -37,5 +37,5 @@ class Journal:
         return f"reports cannot be written: {self._writer.fault}" if self._writer.fault else ""
 
     def close(self) -> None:
-        """Write what waits."""
+        """Write what is still queued."""
         self._writer.close()

@@ -1,9 +1,9 @@
-"""The manual mode: a person moves wheels, fingers or lift, held-to-run, as a pure state machine beside the docking.
+"""The manual mode: the operator moves wheels, fingers or lift, hold-to-run: a pure state machine.
 
-It arms an epoch of its own, with the low caps of the phase ``manual``, only while no docking is under way, and for as
-long as commands of that epoch keep coming from the station that asked. They pass the gate like the controller's,
-which is silent meanwhile: when the station dies, is stopped or loses its terminal, the gate finds the last command
-too old and stops, and this mode ends.
+It arms its own epoch, with the low caps of the phase ``manual``, only while no docking is in progress, and as long as
+commands of that epoch arrive from the station that asked. They pass the gate like those of the controller, which is
+silent meanwhile: when the station dies, is stopped or loses its terminal, the gate finds the last command too old and
+stops, and this mode ends.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _EPOCHS_BY_HAND = 1 << 62
 
 @dataclass(frozen=True, kw_only=True)
 class ManualInputs:
-    """What this mode looks at in one step; None is what is missing or too old. ``phase`` is the docking's."""
+    """Inputs of one step; None is what is missing or too old. ``phase`` is that of the docking."""
 
     now_ns: int
     phase: Phase
@@ -33,56 +33,46 @@ class ManualInputs:
     arms: ArmState | None
     command: Command | None
     requests: tuple[ManualRequest, ...] = ()
-    dock_requests: tuple[DockRequest, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class ManualOutputs:
-    """Answers, and the dock requests that are left for the docking."""
-
-    answers: tuple[Answer, ...]
-    dock_answers: tuple[Answer, ...]
-    dock_requests: tuple[DockRequest, ...]
 
 
 class ManualMode:
-    """Steps at 20 Hz before the docking's sequence; :meth:`mission` then replaces what that wants."""
+    """Steps at 20 Hz, before the docking: :meth:`answer`, :meth:`answer_docking`, :meth:`watch`, :meth:`mission`."""
 
     def __init__(self, config: Config, run_id: int) -> None:
         self._config = config
         self._epoch = _EPOCHS_BY_HAND + run_id
         self._wanted: ManualRequest | None = None
         self._cause = ""
-        self._heard_ns = 0
+        self._command_ns = 0
         self._drives_ns = 0
 
     @property
     def active(self) -> bool:
-        """Whether a person moves the robot."""
+        """Whether manual mode is on."""
         return self._wanted is not None
 
-    def step(self, inputs: ManualInputs) -> ManualOutputs:
-        """Answer requests, and end the mode when it has to."""
-        answers = tuple(self._answer(request, inputs) for request in inputs.requests)
-        dock_answers, left = [], []
-        for request in inputs.dock_requests:
-            if not self.active:
-                left.append(request)
-            elif request.action == "abort":
-                self._end("operator_abort")
-                dock_answers.append(Answer(request.id, "done", "manual mode ended"))
-            else:
-                dock_answers.append(Answer(request.id, "refused", "a person moves the robot: manual mode is on"))
+    def answer(self, inputs: ManualInputs) -> tuple[Answer, ...]:
+        """Answer the requests for this mode; one may begin or end it."""
+        return tuple(self._answer(request, inputs) for request in inputs.requests)
+
+    def answer_docking(self, request: DockRequest) -> Answer:
+        """Answer a request for the docking while this mode is on: an abort ends it."""
+        if request.action == "abort":
+            self._end("operator_abort")
+            return Answer(request.id, "done", "manual mode ended")
+        return Answer(request.id, "refused", "manual mode is on")
+
+    def watch(self, inputs: ManualInputs) -> None:
+        """End the mode when it has to."""
         if self.active:
             self._watch(inputs)
-        return ManualOutputs(answers=answers, dock_answers=tuple(dock_answers), dock_requests=tuple(left))
 
     def mission(self, docking: Mission) -> Mission:
-        """The docking's mission, or that of the manual mode while it is on; afterwards why it ended, while idle."""
+        """The mission of the docking, or of the manual mode while it is on; afterwards its cause, while idle."""
         wanted = self._wanted
         if wanted is None:
-            told = docking.phase in _FREE_PHASES and not docking.cause and self._cause
-            return replace(docking, cause=f"manual: {self._cause}"[:400]) if told else docking
+            named = docking.phase in _FREE_PHASES and not docking.cause and self._cause
+            return replace(docking, cause=f"manual: {self._cause}"[:400]) if named else docking
         limits = self._config.supervisor
         return replace(
             docking,
@@ -101,7 +91,7 @@ class ManualMode:
 
     def _answer(self, request: ManualRequest, inputs: ManualInputs) -> Answer:
         if inputs.now_ns > request.expires_ns:
-            return Answer(request.id, "expired", "came after its expiry")
+            return Answer(request.id, "expired", "expired before it was handled")
         if request.action == "stop":
             self._end("")
             return Answer(request.id, "done", "disarmed")
@@ -111,16 +101,16 @@ class ManualMode:
         self._wanted = request
         self._epoch += 1
         self._cause = ""
-        self._heard_ns = inputs.now_ns + _FIRST_COMMAND_NS
+        self._command_ns = inputs.now_ns + _FIRST_COMMAND_NS
         self._drives_ns = inputs.now_ns
-        return Answer(request.id, "accepted", "armed while its commands come")
+        return Answer(request.id, "accepted", "armed as long as its commands arrive")
 
     def _refusal(self, inputs: ManualInputs) -> str:
-        """What keeps a person from moving the robot; empty if nothing does."""
+        """Why the mode may not begin; empty if it may."""
         if self.active:
-            return "another station has the manual mode"
+            return "manual mode is in use by another station"
         if inputs.phase == "aborted":
-            return "the last docking was aborted: reset it first"
+            return "the last docking was aborted: reset first (davpc dock reset)"
         if inputs.phase not in _FREE_PHASES:
             return f"a docking is under way: phase {inputs.phase}"
         if inputs.drives is None:
@@ -137,7 +127,7 @@ class ManualMode:
         most_m = self._config.follower_can.lift_max_m
         if request.lift_m is None or request.lift_m <= most_m:
             return ""
-        return f"the lift goes up to {1000 * most_m:.0f} mm (follower_can.lift_max_m)"
+        return f"the lift reaches at most {1000 * most_m:.0f} mm (follower_can.lift_max_m)"
 
     def _watch(self, inputs: ManualInputs) -> None:
         drives = inputs.drives
@@ -145,7 +135,7 @@ class ManualMode:
             self._drives_ns = inputs.now_ns
         ours = drives is not None and drives.epoch == self._epoch
         if inputs.command is not None and inputs.command.epoch == self._epoch:
-            self._heard_ns = inputs.now_ns
+            self._command_ns = inputs.now_ns
         if inputs.now_ns - self._drives_ns > 2 * _SILENT_NS:
             self._end("drives_silent")
         elif drives is not None and not drives.stop_inputs_clear:
@@ -154,7 +144,7 @@ class ManualMode:
             self._end(f"gate_stop: {drives.cause}")
         elif drives is not None and ours and drives.state == "armed" and inputs.arms and inputs.arms.cause != "ok":
             self._end(inputs.arms.cause)
-        elif inputs.now_ns - self._heard_ns > _SILENT_NS:
+        elif inputs.now_ns - self._command_ns > _SILENT_NS:
             self._end("station_silent")
 
     def _end(self, cause: str) -> None:

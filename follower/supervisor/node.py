@@ -1,4 +1,4 @@
-"""Supervisor process: phases of a docking, arming."""
+"""Supervisor process: phases of a docking, manual mode, arming."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from common.channels import (
     MISSION,
 )
 from common.file_writer import state_directory
-from common.messages import FollowerSummary, Mission
+from common.messages import DockRequest, FollowerSummary, Mission
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
 from follower.supervisor.attempt import undervoltage
@@ -37,7 +37,7 @@ _log = logging.getLogger("follower-supervisor")
 
 
 class SupervisorNode(Node):
-    """Shows the sequence what is fresh, publishes what it decides."""
+    """Gives docking and manual mode their requests and fresh inputs; publishes their mission."""
 
     name = "follower-supervisor"
     inputs = (DOCKING_STATE, DRIVES, ARM_STATE, LEADER_STATE, COMMAND, FRAME)
@@ -62,55 +62,69 @@ class SupervisorNode(Node):
         self._runs = RunWatch()
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
-        """One step of the sequence, or of the manual mode while that is on."""
-        by_hand = self._manual.step(self._seen_by_hand(now_ns, inputs))
-        seen = SupervisorInputs(
+        """One step of the docking, and of the manual mode, whose mission comes first while it is on."""
+        dock_requests, answers = self._split_requests(now_ns, inputs)
+        supervisor_inputs = SupervisorInputs(
             now_ns=now_ns,
             state=inputs.fresh(DOCKING_STATE, now_ns),
             drives=inputs.fresh(DRIVES, now_ns),
             arms=inputs.fresh(ARM_STATE, now_ns),
             leader=inputs.fresh(LEADER_STATE, now_ns),
             controller_alive=inputs.fresh(COMMAND, now_ns) is not None,
-            requests=by_hand.dock_requests,
+            requests=dock_requests,
             lock_answers=tuple(inputs.answers(LOCK_REQUEST)),
             restarted=self._runs.restarted(inputs),
             unfit=self._journal.unfit(now_ns) or undervoltage(self._base, inputs.fresh(DRIVES, now_ns)),
         )
-        decided = self._sequence.step(seen)
-        self._journal.keep(self._report.step(seen, decided.mission, self._sequence.attempt))
-        mission = self._manual.mission(decided.mission)
+        docking = self._sequence.step(supervisor_inputs)
+        self._journal.keep(self._report.step(supervisor_inputs, docking.mission, self._sequence.attempt))
+        mission = self._manual.mission(docking.mission)
         if mission.phase != self._phase:
             self._phase = mission.phase
             _log.info("phase %s %s", self._phase, mission.cause)
         outputs: list[Output] = [(MISSION, mission)]
         self._steps += 1
         if self._steps % _STEPS_PER_SUMMARY == 0:
-            outputs.append((FOLLOWER_SUMMARY, _by_hand(decided.summary, mission)))
-        outputs += [(DOCK_REQUEST, answer) for answer in (*by_hand.dock_answers, *decided.answers)]
-        outputs += [(MANUAL_REQUEST, answer) for answer in by_hand.answers]
-        if decided.lock_request is not None:
-            outputs.append((LOCK_REQUEST, decided.lock_request))
+            outputs.append((FOLLOWER_SUMMARY, _summary(docking.summary, mission)))
+        outputs += answers
+        outputs += [(DOCK_REQUEST, answer) for answer in docking.answers]
+        if docking.lock_request is not None:
+            outputs.append((LOCK_REQUEST, docking.lock_request))
         return outputs
 
     def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002 - the contract's signature
-        """Write what still waits."""
+        """Write what is still queued."""
         self._journal.close()
         return ()
 
-    def _seen_by_hand(self, now_ns: int, inputs: Inbox) -> ManualInputs:
-        return ManualInputs(
+    def _split_requests(self, now_ns: int, inputs: Inbox) -> tuple[tuple[DockRequest, ...], list[Output]]:
+        """Step the manual mode with its own requests; it answers those for the docking only while it is on.
+
+        Returns:
+            The requests that are left for the docking, and the answers to the others.
+        """
+        manual = self._manual
+        manual_inputs = ManualInputs(
             now_ns=now_ns,
             phase=self._sequence.phase,
             drives=inputs.fresh(DRIVES, now_ns),
             arms=inputs.fresh(ARM_STATE, now_ns),
             command=inputs.fresh(COMMAND, now_ns),
             requests=tuple(received.message for received in inputs.requests(MANUAL_REQUEST)),
-            dock_requests=tuple(received.message for received in inputs.requests(DOCK_REQUEST)),
         )
+        answers: list[Output] = [(MANUAL_REQUEST, answer) for answer in manual.answer(manual_inputs)]
+        docking: list[DockRequest] = []
+        for received in inputs.requests(DOCK_REQUEST):
+            if manual.active:
+                answers.append((DOCK_REQUEST, manual.answer_docking(received.message)))
+            else:
+                docking.append(received.message)
+        manual.watch(manual_inputs)
+        return tuple(docking), answers
 
 
-def _by_hand(summary: FollowerSummary, mission: Mission) -> FollowerSummary:
-    """The docking's summary; while a person moves the robot it may move at any time."""
+def _summary(summary: FollowerSummary, mission: Mission) -> FollowerSummary:
+    """The summary of the docking; in manual mode the robot may move at any time."""
     if mission.phase != "manual":
         return summary
     return replace(summary, phase=mission.phase, armed=True, moving=True)

@@ -1,4 +1,4 @@
-"""Which process began a new run: a docking is never resumed with one that does not know it."""
+"""Which process began a new run: a docking is never resumed after a restart."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ _WATCHED: Final[tuple[Channel[Any], ...]] = (FRAME, DOCKING_STATE, DRIVES, ARM_S
 
 
 class RunWatch:
-    """Looks at the run in the newest header of each channel. In ``manual`` a person's station commands instead of
-    the controller: a publisher that is not the channel's own says nothing of it."""
+    """Compares the run in the newest header of each channel.
+
+    In ``manual`` the station publishes the commands instead of the controller: a header from any other publisher
+    than the channel's own is ignored.
+    """
 
     def __init__(self) -> None:
         self._runs: dict[str, int] = {}

@@ -1,7 +1,7 @@
-"""The phases of one docking as a pure state machine: what is observed in, the mission out.
+"""The phases of one docking as a pure state machine: inputs in, mission out.
 
 The table of phases is :mod:`follower.supervisor.transitions`; what happens within one is a class of its own. This
-owns the epoch and the arm token; it only withholds or lowers motion, the gate decides what reaches the bus.
+owns the epoch and the arm token; it only withholds or reduces motion, the gate decides what reaches the bus.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from common.geometry import Array
 from common.messages import Answer, DockRequest, Drives, FollowerSummary, Mission, Phase
 from common.timing import NS_PER_S
 from follower.standstill import Standstill
-from follower.supervisor.attempt import Attempt
-from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs, SupervisorOutputs
+from follower.supervisor.attempt import Attempt, stopped_by_silence
+from follower.supervisor.interface import Grip, PhaseOutputs, PhaseResult, SupervisorInputs, SupervisorOutputs
 from follower.supervisor.phases.acquire import AcquirePhase, SearchPhase
 from follower.supervisor.phases.approach import ApproachPhase
 from follower.supervisor.phases.contact import InsertPhase, PushPhase
@@ -27,7 +27,7 @@ from follower.supervisor.reckoning import PoseReckoning
 from follower.supervisor.transitions import ENDED, FREE, IN_CONTACT, Event, next_phase
 
 _SILENT_NS = NS_PER_S // 4
-# what passes by itself: somebody was late, or the machine stood still
+# passing causes: a deadline was missed, or the machine stalled
 REARMING_CAUSES: Final = frozenset(
     {
         "command_age",
@@ -40,9 +40,9 @@ REARMING_CAUSES: Final = frozenset(
         BAD_FRAMES,
     }
 )
-# a longer step was a stall of this process: it says nothing of the others
+# a longer step was a stall of this process, not silence of the others
 _LONGEST_STEP_NS = NS_PER_S // 10
-# before its goal with a trolley, nothing touches the queue from here on
+# farther than this before its goal a trolley in the grippers cannot touch the queue
 _CLEAR_M: Final = 0.3
 _LOGIC: Final[dict[Phase, type[PhaseLogic]]] = {
     "staging": StagingPhase,
@@ -59,12 +59,12 @@ _HOLD: Final = PhaseOutputs()
 
 
 class DockingSequence:
-    """Steps at 20 Hz; time comes in with what is observed.
+    """Steps at 20 Hz; time comes with the inputs.
 
     Args:
         config: the pair's configuration.
-        run_id: of this start of the supervisor; no epoch of an earlier run comes again.
-        taught: (n, 2) desired features by trolley; None: geometry gives them.
+        run_id: of this start of the supervisor, so that no epoch of an earlier run repeats.
+        taught: (n, 2) desired features by trolley; None: from geometry.
     """
 
     def __init__(self, config: Config, run_id: int, taught: Mapping[int, Array] | None = None) -> None:
@@ -79,25 +79,18 @@ class DockingSequence:
         self._drives_silent_ns = 0
         self._reckoning = PoseReckoning(config.base)
         self._standstill = Standstill(config.base)
-        self._attempt = Attempt(
-            config=config,
-            trolley=1,
-            epoch=run_id,
-            taught=None,
-            reckoning=self._reckoning,
-            standstill=self._standstill,
-        )
+        self._attempt = self._new_attempt(1, None, "closed")
         self._apart: bool | None = None
         self._touched_trolley = 0
 
     @property
     def phase(self) -> Phase:
-        """Where the docking stands."""
+        """Current phase of the docking."""
         return self._phase
 
     @property
     def attempt(self) -> Attempt:
-        """The docking under way, or the last one."""
+        """The docking in progress, or the last one."""
         return self._attempt
 
     def step(self, inputs: SupervisorInputs) -> SupervisorOutputs:
@@ -117,7 +110,7 @@ class DockingSequence:
         )
 
     def _update_pose(self, inputs: SupervisorInputs) -> None:
-        """Follow the Leader by odometry, and by sight while that is where it must be."""
+        """Track the Leader by odometry, and by the estimate while that agrees."""
         elapsed_ns = 0 if self._before_ns is None else inputs.now_ns - self._before_ns
         self._before_ns = inputs.now_ns
         self._standstill.step(inputs.now_ns, inputs.drives)
@@ -131,9 +124,9 @@ class DockingSequence:
             self._reckoning.seen(state)
 
     def _update_contact(self, inputs: SupervisorInputs) -> None:
-        """Whether the trolley in the grippers is apart from guide and queue; None: nobody knows.
+        """Whether the trolley in the grippers is apart from guide and queue; None: unknown.
 
-        What was in contact stays so over a reset and a new docking, until it is let go or seen clear of the queue.
+        Contact persists over a reset and a new docking, until the trolley is released or seen clear of the queue.
         """
         if self._phase in IN_CONTACT:
             self._apart, self._touched_trolley = False, self._attempt.trolley
@@ -143,7 +136,7 @@ class DockingSequence:
             self._apart = None
 
     def _clear_of_queue(self, inputs: SupervisorInputs) -> bool:
-        """By sight and odometry; the queue is as long as the Leader counts, or as what was touched last."""
+        """By estimate and odometry; the queue is as long as the Leader counts, or as the trolley touched last."""
         pose, leader = self._reckoning.pose, inputs.leader
         if pose is None or leader is None or leader.queue is None:
             return False
@@ -151,7 +144,7 @@ class DockingSequence:
         return pose.x_m - self._config.docking.goal(next_one).x_m > _CLEAR_M
 
     def _phase_outputs(self, inputs: SupervisorInputs) -> PhaseOutputs:
-        """What the phase wants; a phase that ends hands over to the next at once."""
+        """What the phase asks for; a phase that ends hands over to the next at once."""
         for _ in range(len(_LOGIC)):
             if self._logic is None:
                 return _HOLD
@@ -165,7 +158,7 @@ class DockingSequence:
 
     def _answer(self, request: DockRequest, inputs: SupervisorInputs) -> Answer:
         if inputs.now_ns > request.expires_ns:
-            return Answer(request.id, "expired", "came after its expiry")
+            return Answer(request.id, "expired", "expired before it was handled")
         if request.action == "abort":
             if self._phase in ENDED:
                 return Answer(request.id, "done", f"nothing to abort in phase {self._phase}")
@@ -193,23 +186,25 @@ class DockingSequence:
         return inputs.unfit
 
     def _latched(self) -> bool:
-        """After S2, and after whatever ended it in contact: then the trolley still stands there, held."""
+        """After S2, and after any end in contact: the trolley is still held there."""
         in_contact = self._attempt.contact_begin_m is not None or self._apart is False
         return self._phase == "aborted" and (in_contact or needs_reset(self._cause))
 
     def _begin(self, trolley: int, inputs: SupervisorInputs) -> None:
-        grip = self._attempt.grip
         self._epoch += 1
-        self._attempt = Attempt(
+        self._attempt = self._new_attempt(trolley, self._taught, self._attempt.grip)
+        self._follow(PhaseResult("start"), inputs)
+
+    def _new_attempt(self, trolley: int, taught: Mapping[int, Array] | None, grip: Grip) -> Attempt:
+        return Attempt(
             config=self._config,
             trolley=trolley,
             epoch=self._epoch,
-            taught=self._taught,
+            taught=taught,
             reckoning=self._reckoning,
             standstill=self._standstill,
             grip=grip,
         )
-        self._follow(PhaseResult("start"), inputs)
 
     # --- what ends a docking in any phase
 
@@ -221,7 +216,7 @@ class DockingSequence:
             silent = attempt.armed and self._drives_silent_ns > _SILENT_NS
             return PhaseResult("failed", "drives_silent") if silent else None
         attempt.enabled = attempt.enabled or attempt.obeyed(drives)
-        if not drives.stop_inputs_clear and not _unheard(drives):
+        if not drives.stop_inputs_clear and not stopped_by_silence(drives):
             return PhaseResult("failed", "stop_input")
         if drives.state == "fault":
             return PhaseResult("failed", f"drive_fault: {drives.cause}")
@@ -230,7 +225,7 @@ class DockingSequence:
         if attempt.enabled and not attempt.obeyed(drives):
             return PhaseResult("failed", f"drives_disarmed: {drives.cause or 'by themselves'}")
         if attempt.armed and inputs.arms is not None and inputs.arms.cause != "ok":
-            # the arms already yield, the drives then hold where they are; no pursuit
+            # the arms already yield, the drives then hold their position
             return PhaseResult("failed", inputs.arms.cause)
         early = attempt.trolley == 1 and self._phase in ("approach", "insert", "push")
         if early and inputs.leader is not None and inputs.leader.lock == "locked":
@@ -238,7 +233,7 @@ class DockingSequence:
         return None
 
     def _stopped(self, drives: Drives, now_ns: int) -> PhaseResult:
-        """S1: the gate stopped and disarmed. While nothing is in contact, arm anew once all is well, a few times."""
+        """S1: the gate stopped and disarmed. While nothing is in contact, re-arm once all is well, a few times."""
         attempt = self._attempt
         again = cause_code(drives.cause) in REARMING_CAUSES and attempt.may_rearm(now_ns)
         if again and self._phase in FREE:
@@ -246,7 +241,7 @@ class DockingSequence:
         return PhaseResult("failed", f"gate_stop: {drives.cause}")
 
     def _follow(self, result: PhaseResult, inputs: SupervisorInputs) -> None:
-        """Go where the table says."""
+        """Follow the table of transitions."""
         event: Event = result.event
         self._phase = next_phase(self._phase, event)
         attempt = self._attempt
@@ -261,7 +256,7 @@ class DockingSequence:
         logic = _LOGIC.get(self._phase)
         self._logic = logic(attempt, inputs.now_ns) if logic is not None else None
 
-    # --- what the others are told
+    # --- outputs
 
     def _mission(self, wanted: PhaseOutputs) -> Mission:
         attempt = self._attempt
@@ -286,7 +281,7 @@ class DockingSequence:
         )
 
     def _summary(self, inputs: SupervisorInputs, wanted: PhaseOutputs) -> FollowerSummary:
-        """Careful: what is not known counts as moving, and as in contact."""
+        """Careful: what is unknown counts as moving and as in contact."""
         attempt = self._attempt
         still = inputs.drives is not None and self._standstill.holds
         held = inputs.arms is None or not inputs.arms.released
@@ -301,11 +296,3 @@ class DockingSequence:
             gripped=inputs.arms is not None and inputs.arms.gripped,
             needs_reset=self._latched(),
         )
-
-
-def _unheard(drives: Drives) -> bool:
-    """Whether the gate stopped because the drives were not heard: then the stop inputs were not either.
-
-    That is no pressed button, and a pressed one is told in the next step: the new epoch clears the gate's cause.
-    """
-    return drives.state == "stopped" and cause_code(drives.cause) in (NODE_SILENT, "status_age", "bridge_stalled")

@@ -1,4 +1,4 @@
-"""Desired images on disk: what ``davpc teach K`` stores and the supervisor docks by if it is told to."""
+"""Desired images on disk: stored by ``davpc teach K``, used by the supervisor if ``docking.taught_dir`` is set."""
 
 from __future__ import annotations
 
@@ -79,12 +79,12 @@ def load(path: Path, camera: CameraConfig) -> Taught:
 
 
 def taught_images(config: Config, config_path: Path) -> dict[int, Array] | None:
-    """Desired features (n, 2) by trolley from ``docking.taught_dir``; None where geometry gives them.
+    """Desired features (n, 2) by trolley from ``docking.taught_dir``; None: from geometry.
 
     A relative folder lies beside the configuration.
 
     Raises:
-        ConfigError: no image for trolley 1, or one that is spoilt, of another calibration, array or docking.
+        ConfigError: no image for trolley 1, or an image that is corrupt, or of another calibration, array or docking.
     """
     if not config.docking.taught_dir:
         return None
@@ -96,7 +96,7 @@ def taught_images(config: Config, config_path: Path) -> dict[int, Array] | None:
     for path in sorted(folder.glob("taught-*.json")):
         taught = load(path, config.camera)
         if path.name != taught_name(taught.trolley):
-            raise ConfigError(f"{path}: is the image of docking {taught.trolley}")
+            raise ConfigError(f"{path}: contains the image of docking {taught.trolley}")
         if taught.features.shape != config.leds.points[:, :2].shape or not np.isfinite(taught.features).all():
             raise ConfigError(f"{path}: not one point for each of the {len(config.leds.points)} LEDs")
         found[taught.trolley] = taught.features

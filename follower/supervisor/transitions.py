@@ -33,7 +33,7 @@ ACTIVE: Final[tuple[Phase, ...]] = tuple(
     phase for phase in PHASES if phase not in ("idle", "done", "aborted", "manual")
 )
 ENDED: Final[tuple[Phase, ...]] = ("idle", "done", "aborted")
-# nothing ahead is touched in these: a stop may be armed anew, and a way back is free
+# nothing ahead is in contact in these: a stop may be re-armed, and the path back is free
 FREE: Final[tuple[Phase, ...]] = ("staging", "acquire", "search", "approach")
 # the trolley meets guide or queue
 IN_CONTACT: Final[tuple[Phase, ...]] = ("insert", "push", "lock", "release")

@@ -1,1 +1,1 @@
-"""The phases of a docking, a class each; which follows which is in ``transitions.py``."""
+"""The phases of a docking, one class each; their order is in ``transitions.py``."""

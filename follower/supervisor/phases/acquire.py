@@ -1,4 +1,4 @@
-"""Acquire and search: all well and the array in sight before anything is armed; turn in place to find it."""
+"""Acquire and search: all well and the array in view before anything is armed; turn in place to find it."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from follower.supervisor.phases.phase import PhaseLogic, failed
 
 _CONFIRM_NS = NS_PER_S // 2
 _THERE_RAD, _SLOWEST_RAD_S = 0.02, 0.05
-# a state with these causes is no image in which the array could be missing: turning would not help
+# states with these causes come without an image: turning would not help
 _NO_IMAGE = frozenset({"no_frame", "stale_frame", "bad_frame", "frozen_camera"})
 
 
 def search_refusal(attempt: Attempt, inputs: SupervisorInputs) -> str:
     """Why no search may begin, as a cause; empty if one may.
 
-    With a trolley in the grippers turning sweeps its front: not near the queue.
+    Turning with a trolley in the grippers sweeps its front sideways: not near the queue.
     """
     if inputs.state is None:
         return "estimator_silent"
@@ -29,12 +29,12 @@ def search_refusal(attempt: Attempt, inputs: SupervisorInputs) -> str:
         return f"{lost}: {attempt.searches} searches"
     to_goal_m = attempt.to_goal_m()
     if to_goal_m is not None and to_goal_m < attempt.config.supervisor.search_clearance_m:
-        return f"{lost}: too near for a search"
+        return f"{lost}: too close for a search"
     return ""
 
 
 class AcquirePhase(PhaseLogic):
-    """Waits until nothing is missing for 0.5 s, then arms; over once the drives have followed."""
+    """Waits until all conditions have held for 0.5 s, then arms; ends once the drives have followed."""
 
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
         super().__init__(attempt, now_ns)
@@ -63,7 +63,7 @@ class AcquirePhase(PhaseLogic):
         return PhaseOutputs(waiting=missing or "drives")
 
     def _missing(self, inputs: SupervisorInputs) -> str:
-        """What still keeps the robot from arming; empty if nothing does. What turning could mend comes last."""
+        """The condition for arming that does not hold; empty if all hold. What turning could mend comes last."""
         attempt = self.attempt
         unwell = attempt.unwell(inputs)
         if unwell:
@@ -74,9 +74,9 @@ class AcquirePhase(PhaseLogic):
 
 
 class SearchPhase(PhaseLogic):
-    """Turns in place to the left, to the right and back, as often as searches are left.
+    """Turns in place to the left, to the right and back, as often as searches remain.
 
-    Over as soon as a lock has agreed for 0.5 s with where the Leader must be. Arms first, if nothing was armed yet.
+    Ends as soon as the estimate has agreed with odometry for 0.5 s. Arms first if nothing was armed yet.
     """
 
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
@@ -103,7 +103,7 @@ class SearchPhase(PhaseLogic):
         if self._well.step(inputs.now_ns, not unwell):
             attempt.armed = True
         if (inputs.now_ns - self._leg_ns) > self._leg_limit_s * NS_PER_S:
-            still = "the turn is not covered" if attempt.enabled else not_enabled(inputs.drives)
+            still = "the turn was not completed" if attempt.enabled else not_enabled(inputs.drives)
             return failed(f"search_timeout: {unwell or still}")
         if found or unwell or inputs.drives is None or not attempt.obeyed(inputs.drives):
             return PhaseOutputs(waiting=unwell or "LEDs")

@@ -15,20 +15,22 @@ from follower.supervisor.phases.acquire import search_refusal
 from follower.supervisor.phases.phase import PhaseLogic, failed
 
 LAST_METRE_M = 1.0
-_SLOWING_M_S2 = 0.15  # towards it: gently enough for the controller to follow, so that the gate has nothing to clip
+_SLOWING_M_S2 = (
+    0.15  # towards the last metre: gentle enough for the controller to follow, so that the gate has nothing to clip
+)
 _RESUME_NS = NS_PER_S // 2
 _HEALTHY_NS = 2 * NS_PER_S
 _MISSING_LED_NS = 3 * NS_PER_S // 10
 _NEARER_M = 0.02
 _HEADING_LEVER_M = 0.5
 _OVERSHOT_M = 0.15
-# an error of the wheels' speed, as a share of the largest that the estimator may find, that no load explains;
-# for how long, and once paused for how long again, while the estimator learns that it is over; above which speed
+# a speed error that no load explains, as a share of the largest that the estimator may find; for how long; after the
+# first time for how long, while the estimator learns that the slip is over; above which speed
 _SLIP_SHARE, _SLIP_NS, _SLIP_AGAIN_NS, _SLIP_SPEED_M_S = 0.6, 3 * NS_PER_S // 10, NS_PER_S, 0.05
 
 
 class WheelSlip:
-    """Whether the wheels turn and the robot, by its own sight, hardly follows (``docs/safety.md`` S40)."""
+    """Detects wheels that turn while the robot, by its estimate, hardly moves (``docs/safety.md`` S40)."""
 
     def __init__(self, attempt: Attempt) -> None:
         self._attempt = attempt
@@ -37,7 +39,7 @@ class WheelSlip:
         self._found_once = False
 
     def step(self, inputs: SupervisorInputs) -> bool:
-        """Take one step; true once it has been so for 0.3 s, later for 1 s."""
+        """Take one step; true once slip has lasted 0.3 s, later 1 s."""
         state, drives = inputs.state, inputs.drives
         slips = False
         if state is not None and state.valid and drives is not None:
@@ -50,8 +52,10 @@ class WheelSlip:
 
 
 class Pause:
-    """S0: zero, still armed, from the first step that is not well until the array, agreeing with the odometry,
-    and everything else have been well for 0.5 s."""
+    """S0: zero speed, still armed, from the first unhealthy step until all has been healthy for 0.5 s.
+
+    Healthy includes that the array is in view and agrees with odometry.
+    """
 
     def __init__(self, attempt: Attempt) -> None:
         self._attempt = attempt
@@ -63,19 +67,19 @@ class Pause:
 
     @property
     def too_long(self) -> bool:
-        """Whether it has not been well for longer than ``supervisor.lost_timeout_s``."""
+        """Whether it has been unhealthy for longer than ``supervisor.lost_timeout_s``."""
         return self._unwell.on
 
     def step(self, inputs: SupervisorInputs, too_uncertain: bool) -> None:
-        """Take one step; ``too_uncertain``: with the LEDs that are left the goal cannot be told well enough."""
+        """Take one step; ``too_uncertain``: the remaining LEDs do not locate the goal well enough."""
         attempt = self._attempt
         self.code, self.reason = "unwell", attempt.blind(inputs) or attempt.unwell(inputs)
         if not self.reason and too_uncertain:
-            self.code, self.reason = "few_leds", "too few LEDs to tell the goal"
+            self.code, self.reason = "few_leds", "too few LEDs to locate the goal"
         if self._slip.step(inputs) and not self.reason:
             self.code, self.reason = "unwell", "the wheels slip"
         if not self.reason and inputs.state is not None and not attempt.reckoning.agrees(inputs.state):
-            self.code, self.reason = "lock_disagrees", "the LEDs are not where they must be"
+            self.code, self.reason = "lock_disagrees", "the LEDs are not where odometry expects them"
         self._unwell.step(inputs.now_ns, bool(self.reason))
         well = self._well.step(inputs.now_ns, not self.reason)
         if self.reason and not self.on:
@@ -86,7 +90,7 @@ class Pause:
 
 
 class ApproachPhase(PhaseLogic):
-    """Over when arrived and settled, when the LEDs stay lost, or when it comes no nearer."""
+    """Ends when arrived and settled, when the LEDs stay lost, or when it comes no nearer."""
 
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
         super().__init__(attempt, now_ns)
@@ -112,7 +116,7 @@ class ApproachPhase(PhaseLogic):
         if self._pause.on:
             return self._paused(inputs)
         self._driven_s += elapsed_s
-        # slowed down for a missing LED it may take as much longer
+        # slowed down for a missing LED it may take proportionally longer
         self._allowed_s += elapsed_s * (
             self.limits.reduced_speed_m_s / self.limits.approach_speed_m_s if missing else 1.0
         )
@@ -157,7 +161,7 @@ class ApproachPhase(PhaseLogic):
         return tuple(led for led, at in enumerate(self._last_seen_ns) if latest_ns - at > _MISSING_LED_NS)
 
     def _unreachable(self, state: DockingState, inputs: SupervisorInputs) -> PhaseResult | None:
-        """No nearer for too long, beyond the goal, or too long under way: from the staging pose again, if it may."""
+        """No nearer for too long, beyond the goal, or too long under way: retry from the staging pose if allowed."""
         goal = self.attempt.goal
         off_m = math.hypot(state.x_m - goal.x_m, state.y_m) + _HEADING_LEVER_M * abs(state.theta_rad)
         if off_m < self._nearest_m - _NEARER_M or arrived(self.attempt, state):
@@ -181,14 +185,14 @@ class ApproachPhase(PhaseLogic):
         if touched or attempt.leader_unready(inputs):
             return failed(f"{cause}: no retry with something in contact or a lock engaged")
         if not self._healthy.on:
-            return None  # a moment ago it was not well: when it has been for 2 s
+            return None  # unhealthy a moment ago: wait until it has been healthy for 2 s
         attempt.retries += 1
         attempt.retreating = True
         return PhaseResult("unreachable", cause)
 
 
 def arrived(attempt: Attempt, state: DockingState) -> bool:
-    """The stop test of Algorithm 1, on the filtered state: on the raw one it would see the noise."""
+    """The stop test of Algorithm 1, on the filtered state, as noise would spoil it on the raw one."""
     if not state.features_filtered:
         return False
     docking = attempt.config.docking

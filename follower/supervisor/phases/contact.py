@@ -1,4 +1,4 @@
-"""Insert and push: straight ahead until the joint torques feel guide or queue, then until it is one rigid piece."""
+"""Insert and push: straight ahead until joint torques show guide or queue, then until the connection is rigid."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorI
 from follower.supervisor.phases.phase import PhaseLogic, failed
 
 _STROKE_SHARE = 0.8
-_SHORT_M = 0.015  # a good push ends up to 4 cm beyond its stroke, as the play of the queue closes; none ends before
+_SHORT_M = 0.015  # a good push ends up to 4 cm beyond its stroke as the play of the queue closes, never short of it
 _SPARE_S = 3.0
 
 
 class _Ahead(PhaseLogic):
-    """What both have in common: the way since the insertion began, its limit, and a pause without the LEDs."""
+    """Common to both: distance since the insertion began, its limit, and a pause without the LEDs."""
 
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
         super().__init__(attempt, now_ns)
@@ -35,7 +35,7 @@ class _Ahead(PhaseLogic):
         return odometer_m - attempt.contact_begin_m
 
     def _ahead(self, inputs: SupervisorInputs, pushed_m: float, speed_m_s: float) -> PhaseOutputs | PhaseResult:
-        """Go on, or stand without LEDs: in contact nothing is let go and nothing is looked for."""
+        """Go on, or stand without LEDs: in contact nothing is released and nothing is searched for."""
         if pushed_m > self.limits.push_limit_m:
             return failed("no_contact")
         elapsed_s, self._before_ns = (inputs.now_ns - self._before_ns) * 1e-9, inputs.now_ns
@@ -71,7 +71,7 @@ class InsertPhase(_Ahead):
 
 
 class PushPhase(_Ahead):
-    """Until all trolleys are rigidly connected: by torque, by the way pushed, and by what the camera sees."""
+    """Until all trolleys are rigidly connected: by torque, by the distance pushed, and by the camera."""
 
     def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """See :class:`PhaseLogic`."""
@@ -96,10 +96,10 @@ class PushPhase(_Ahead):
         return PhaseResult("connected")
 
     def _visual_error_m(self, state: DockingState, pushed_m: float) -> float:
-        """Between where the LEDs say that the push ended and where it should: along, and beyond the bound across.
+        """Error of the end of the push by the LEDs: along, and beyond the bound across; infinite if short.
 
-        Along against the wheels, which slip, and against the whole stroke: a trolley that stands against something
-        before its place is rigid too, and of a later one no switch tells.
+        Along against odometry, which slips, and against the whole stroke: a trolley blocked before its place is rigid
+        too, and no switch shows it for a later one.
         """
         docking, goal = self.attempt.config.docking, self.attempt.goal
         at = Pose2(state.x_m, state.y_m, state.theta_rad).inverse()

@@ -1,4 +1,4 @@
-"""Lock, release, retract: the Leader's word, then let go and back away."""
+"""Lock, release, retract: wait for the Leader's confirmation, release the trolley, back away."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class LockPhase(PhaseLogic):
     """Asks the Leader to lock behind trolley 1, or whether the lock still holds behind a later one.
 
     The request is repeated under one id, so that it is carried out once. Without the link the Follower stands in
-    contact, grippers closed, and says that it waits; nothing is let go without the Leader's word. When the word does
-    not come in ``link_timeout_s`` the docking ends as ``leader_silent``, still closed: a person looks, clears the
-    link, and resets.
+    contact, grippers closed, and reports that it waits; nothing is released without the Leader's confirmation. If
+    none comes within ``link_timeout_s`` the docking ends as ``leader_silent``, still closed, until the operator has
+    restored the link and resets.
     """
 
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
@@ -28,7 +28,7 @@ class LockPhase(PhaseLogic):
         self._id = f"{self._action}-{attempt.epoch}"
         self._asked_ns: int | None = None
         self._confirmed = False
-        self._heard_s = 0.0
+        self._linked_s = 0.0
         self._before_ns = now_ns
 
     def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
@@ -38,11 +38,11 @@ class LockPhase(PhaseLogic):
             if ended is not None:
                 return ended
         if inputs.leader is not None:
-            self._heard_s += (inputs.now_ns - self._before_ns) / NS_PER_S
+            self._linked_s += (inputs.now_ns - self._before_ns) / NS_PER_S
         self._before_ns = inputs.now_ns
         if self._confirmed and inputs.leader is not None and inputs.leader.lock == "locked":
             return PhaseResult("confirmed")
-        if self._heard_s > self.limits.lock_timeout_s:
+        if self._linked_s > self.limits.lock_timeout_s:
             return failed("lock_timeout")
         if self.elapsed_s(inputs) > self.limits.link_timeout_s:
             return failed("leader_silent")

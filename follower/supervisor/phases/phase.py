@@ -1,4 +1,4 @@
-"""What every phase of a docking is: a small object made on entry, stepped until it gives a verdict."""
+"""Base of the phases of a docking: a small object made on entry, stepped until it ends."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorI
 
 
 class PhaseLogic(ABC):
-    """One phase; ``attempt`` is what it shares with the others, its own fields are forgotten when it ends."""
+    """One phase; ``attempt`` is shared with the others, its own fields end with it."""
 
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
         self.attempt = attempt
@@ -19,7 +19,7 @@ class PhaseLogic(ABC):
 
     @abstractmethod
     def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
-        """Take one step: what is wanted now, or how the phase ended."""
+        """Take one step: what the phase asks for now, or how it ended."""
 
     def elapsed_s(self, inputs: SupervisorInputs) -> float:
         """Seconds since the phase began."""

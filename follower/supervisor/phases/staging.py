@@ -1,4 +1,4 @@
-"""Staging: back to where a trolley is taken up, and take it up; or back there with a trolley, to try again."""
+"""Staging: back to the staging pose and grip the trolley brought there; or back with a trolley, to try again."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from follower.supervisor.attempt import Attempt, not_enabled
 from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs, straight
 from follower.supervisor.phases.phase import PhaseLogic, failed
 
-Stage = Literal["check", "open", "back", "stand", "close"]
+StagingStep = Literal["check", "open", "back", "stand", "close"]
 _STAND_S = 0.5
 _HEALTHY_NS = 2 * NS_PER_S
 _HELD_NS = NS_PER_S // 2
@@ -22,13 +22,13 @@ _NEAR_M = 0.02
 class StagingPhase(PhaseLogic):
     """``check`` → ``open`` the grippers → ``back`` by odometry → ``stand`` → ``close`` on the trolley.
 
-    With a trolley in the grippers at the start it is over at once. The way back is straight and measured by the
-    wheels, from the last sight of the LEDs; already at or beyond the pose there is none.
+    With a trolley in the grippers at the start it ends at once. The path back is straight and measured by odometry
+    from the last valid state; already at or beyond the pose it stands where it is.
     """
 
     def __init__(self, attempt: Attempt, now_ns: int) -> None:
         super().__init__(attempt, now_ns)
-        self._stage: Stage = "check"
+        self._stage: StagingStep = "check"
         self._stage_ns = now_ns
         self._healthy, self._gripped = HeldFor(_HEALTHY_NS), HeldFor(_HELD_NS)
         stand_s = _STAND_S if attempt.retreating else max(_STAND_S, self.limits.trolley_wait_s)
@@ -43,7 +43,7 @@ class StagingPhase(PhaseLogic):
             return self._check(inputs)
         drives = inputs.drives
         if drives is None or not self.attempt.obeyed(drives):
-            # the sequence ends what stays silent; until then nothing moves
+            # the sequence ends the docking if the drives stay silent; until then nothing moves
             return self._overdue(
                 inputs, self.limits.acquire_timeout_s, f"staging_timeout: {not_enabled(inputs.drives)}"
             )
@@ -56,18 +56,18 @@ class StagingPhase(PhaseLogic):
         return self._close(inputs)
 
     def _check(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
-        """Nothing is armed before all is well; a retry wants it well for 2 s, and the LEDs in sight."""
+        """Nothing is armed before all is well; a retry needs it well for 2 s, and the LEDs in view."""
         attempt = self.attempt
         gripped = inputs.arms is not None and inputs.arms.gripped
         if gripped and not attempt.retreating:
-            attempt.grip = "closed"  # it may have been left open by the docking before
+            attempt.grip = "closed"  # the docking before may have left it open
             return PhaseResult("gripped")
         lacking = attempt.unwell(inputs) or attempt.rolling() or attempt.leader_unready(inputs)
         if attempt.retreating:
             lacking = lacking or attempt.blind(inputs) or ("" if gripped else "trolley not gripped")
         to_goal_m = attempt.to_goal_m()
         if not lacking and to_goal_m is None:
-            lacking = "the Leader was not seen yet"
+            lacking = "the Leader has not been seen yet"
         healthy = self._healthy.step(inputs.now_ns, not lacking)
         if lacking or to_goal_m is None or (attempt.retreating and not healthy):
             wait = PhaseOutputs(waiting=lacking or "health")
@@ -76,8 +76,8 @@ class StagingPhase(PhaseLogic):
         self._back_m = docking.staging_distance_m - to_goal_m
         farthest_m = docking.staging_distance_m + docking.trolley_pitch_m + self.limits.push_limit_m
         if self._back_m > farthest_m:
-            # nothing looks backwards: a wrong number must not send it across the hall
-            far = f"{self._back_m:.1f} m back, more than {farthest_m:.1f} m: is it trolley {attempt.trolley}?"
+            # nothing watches the path back: a wrong number must not send it across the hall
+            far = f"{self._back_m:.1f} m back, more than {farthest_m:.1f} m: is {attempt.trolley} the right trolley?"
             return failed(f"staging_timeout: {far}")
         attempt.armed = True
         return self._enter("back" if attempt.retreating else "open", inputs)
@@ -97,7 +97,7 @@ class StagingPhase(PhaseLogic):
             return self._enter("stand", inputs)
         speed = self.limits.retract_speed_m_s
         if self._stage_s(inputs) > 1.5 * self._back_m / speed + _SPARE_S:
-            return failed("staging_timeout: the way back is not covered")
+            return failed("staging_timeout: the path back was not completed")
         return straight(-speed, waiting="staging pose")
 
     def _stand(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
@@ -123,8 +123,8 @@ class StagingPhase(PhaseLogic):
             return self._enter("open", inputs)
         return PhaseOutputs(waiting="grip on the trolley")
 
-    def _enter(self, stage: Stage, inputs: SupervisorInputs) -> PhaseOutputs:
-        """The next stage, from the next step on; this one stands."""
+    def _enter(self, stage: StagingStep, inputs: SupervisorInputs) -> PhaseOutputs:
+        """The next stage, from the next step on; in this step it stands."""
         self._stage, self._stage_ns = stage, inputs.now_ns
         self._still.reset()
         self._gripped.reset()

@@ -18,7 +18,7 @@ from common.messages import (
     seal_command,
 )
 from common.timing import NS_PER_S
-from follower.supervisor.manual import ManualInputs, ManualMode, ManualOutputs
+from follower.supervisor.manual import ManualInputs, ManualMode
 from tests.rigs.supervisor_rig import ARMS, Bench
 from tests.rigs.supervisor_rig import DRIVES as DISARMED
 
@@ -34,15 +34,16 @@ class Hand:
         self.mode = ManualMode(config, run_id=77)
         self.seen = ManualInputs(now_ns=NS_PER_S, phase="idle", drives=DISARMED, arms=ARMS, command=None)
 
-    def step(self, **changes: Any) -> ManualOutputs:
+    def step(self, **changes: Any) -> tuple[Answer, ...]:
         self.seen = replace(self.seen, now_ns=self.seen.now_ns + STEP_NS, **changes)
-        step = self.mode.step(self.seen)
-        self.seen = replace(self.seen, requests=(), dock_requests=())
-        return step
+        answers = self.mode.answer(self.seen)
+        self.mode.watch(self.seen)
+        self.seen = replace(self.seen, requests=())
+        return answers
 
     def ask(self, action: Any = "start", **fields: Any) -> Answer:
         request = ManualRequest(f"m-{self.seen.now_ns}", self.seen.now_ns + NS_PER_S, action, **fields)
-        (answer,) = self.step(requests=(request,)).answers
+        (answer,) = self.step(requests=(request,))
         return answer
 
     @property
@@ -84,7 +85,7 @@ def test_it_arms_an_epoch_of_its_own_with_low_caps(hand: Hand) -> None:
     ("changes", "reason"),
     [
         ({"phase": "approach"}, "a docking is under way: phase approach"),
-        ({"phase": "aborted"}, "the last docking was aborted: reset it first"),
+        ({"phase": "aborted"}, "the last docking was aborted: reset first (davpc dock reset)"),
         ({"drives": None}, "the CAN bridge is silent"),
         ({"arms": None}, "the arms' process is silent"),
         ({"drives": replace(DISARMED, stop_inputs_clear=False)}, "a stop input is active"),
@@ -101,17 +102,17 @@ def test_it_refuses_with_one_line(hand: Hand, changes: dict[str, Any], reason: s
 
 def test_it_refuses_a_height_beyond_the_lifts_travel(hand: Hand) -> None:
     answer = hand.ask(lift_m=0.501)
-    assert (answer.outcome, answer.reason) == ("refused", "the lift goes up to 500 mm (follower_can.lift_max_m)")
+    assert (answer.outcome, answer.reason) == ("refused", "the lift reaches at most 500 mm (follower_can.lift_max_m)")
     assert hand.ask(lift_m=0.5).outcome == "accepted"
 
 
 def test_an_expired_request_and_a_second_station_arm_nothing(hand: Hand) -> None:
     old = ManualRequest("old", hand.seen.now_ns - 1, "start")
-    assert hand.step(requests=(old,)).answers[0].outcome == "expired"
+    assert hand.step(requests=(old,))[0].outcome == "expired"
     assert not hand.mode.active
     epoch = hand.under_way()
     second = hand.ask()
-    assert (second.outcome, second.reason) == ("refused", "another station has the manual mode")
+    assert (second.outcome, second.reason) == ("refused", "manual mode is in use by another station")
     assert hand.mission.epoch == epoch
 
 
@@ -155,9 +156,7 @@ def test_what_the_arms_felt_in_an_earlier_epoch_does_not_end_it(hand: Hand) -> N
 def test_no_docking_begins_meanwhile_and_an_abort_ends_it(hand: Hand) -> None:
     hand.under_way()
     start = DockRequest("d1", hand.seen.now_ns + NS_PER_S, "start")
-    step = hand.step(dock_requests=(start,))
-    assert (step.dock_requests, step.dock_answers[0].outcome) == ((), "refused")
-    step = hand.step(dock_requests=(replace(start, action="abort"),))
-    assert step.dock_answers[0].outcome == "done"
+    assert hand.mode.answer_docking(start).outcome == "refused"
+    assert hand.mode.active
+    assert hand.mode.answer_docking(replace(start, action="abort")).outcome == "done"
     assert not hand.mode.active
-    assert hand.step(dock_requests=(start,)).dock_requests == (start,)

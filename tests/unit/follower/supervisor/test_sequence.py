@@ -69,8 +69,8 @@ def test_what_keeps_it_from_arming_is_named(bench: Bench, missing: dict[str, obj
 @pytest.mark.parametrize(
     ("leader_heard", "seen_as", "cause"),
     [
-        (True, "few_leds", "leds_lost: too near for a search"),
-        (False, "few_leds", "leader_lost: too near for a search"),
+        (True, "few_leds", "leds_lost: too close for a search"),
+        (False, "few_leds", "leader_lost: too close for a search"),
         (True, "no_frame", "camera_silent: no_frame"),
     ],
 )

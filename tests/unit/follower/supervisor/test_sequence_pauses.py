@@ -58,7 +58,7 @@ def test_near_the_queue_nothing_is_searched(bench: Bench, config: Config) -> Non
     bench.step(**bench.there(near))
     assert bench.run(4.0, state=docking_state(config, near, valid=False)) == "aborted"
     assert bench.mission is not None
-    assert bench.mission.cause == "leds_lost: too near for a search"
+    assert bench.mission.cause == "leds_lost: too close for a search"
 
 
 def test_an_invalid_state_pauses_and_half_a_second_of_valid_ones_resumes_in_place(

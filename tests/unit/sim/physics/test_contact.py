@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from common.config import Config
 from common.errors import ConfigError
 from common.geometry import Pose2
-from experiments.contact.experiment import Job, push_job, run
+from experiments.contact.experiment import ContactJob, push_job, run
 from experiments.contact.handle_bench import BenchMotor, ContactBench, Sample
 from sim.physics.arm import SimulatedArms
 from sim.physics.contact import Contact
@@ -261,7 +261,7 @@ def test_released_arms_let_go_without_a_jump_and_move_away(config: Config, world
 
 def test_the_campaign_recognises_every_contact_and_no_pad(config: Config, tmp_path: Path) -> None:
     results = run(tmp_path, seed=3, trials=3, config=config)
-    job = Job("push", 1, 3, config.model_dump_json())
+    job = ContactJob("push", 1, 3, config.model_dump_json())
     assert push_job(job) == push_job(job)
     push, approach = results["rows"]
     assert (push["metrics"]["recognised"], push["metrics"]["early"]) == (3.0, 0.0)

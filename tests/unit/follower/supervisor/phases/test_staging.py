@@ -98,7 +98,7 @@ def test_a_wrong_number_does_not_send_it_across_the_hall(yard: Yard) -> None:
     assert yard.live(1.0) == "aborted"
     assert yard.mission is not None
     assert yard.mission.cause.startswith("staging_timeout: 7.6 m back, more than 2.")
-    assert yard.mission.cause.endswith("is it trolley 22?")
+    assert yard.mission.cause.endswith("is 22 the right trolley?")
     assert yard.driven_m == 0.0
 
 
@@ -133,7 +133,7 @@ def test_where_it_stands_must_be_known(config: Config) -> None:
     blind.ask("start", trolley=2)
     assert blind.live(6.0) == "aborted"
     assert blind.mission is not None
-    assert blind.mission.cause == "staging_timeout: the Leader was not seen yet"
+    assert blind.mission.cause == "staging_timeout: the Leader has not been seen yet"
 
 
 @pytest.mark.parametrize(
