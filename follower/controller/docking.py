@@ -11,8 +11,7 @@ from common.geometry import Array, Pose2, features_at
 from common.messages import DockingState, Mission
 from common.timing import NS_PER_MS, NS_PER_S
 from follower.controller.interface import Plan, PredictiveController, SpeedCaps
-from follower.model.motion import MotionDisturbance
-from follower.model.motion_model import advance
+from follower.model.motion import MotionDisturbance, advance
 from follower.paper.compensation import limited
 from follower.paper.method import PaperMethod
 

@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from common.geometry import Array
-from follower.controller.rollout import FADING_BELOW_M_S
-from follower.model.motion import MotionDisturbance, share_of_drift
+from follower.model.motion import FADING_BELOW_M_S, MotionDisturbance, share_of_drift
 
 SLOW_M_S = 0.01
 STOP_SHARE, LEAVE_SHARE = 0.5, 1.0  # of the arrival's tolerance: where a drifting robot stops, and starts again

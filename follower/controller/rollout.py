@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import Array, Pose2
-from follower.model.motion import MotionDisturbance
-
-FADING_BELOW_M_S = 0.05
+from follower.model.motion import FADING_BELOW_M_S, MotionDisturbance, planned_share
 
 ComplexArray = NDArray[np.complex128]
 
@@ -76,7 +74,7 @@ def roll_out(start: Pose2, v_m_s: Array, w_rad_s: Array, period_s: float, distur
     The yaw stays: a plan need not know how it will fade, since every later one takes off what it then is. The
     sideways drift, which nothing takes off, fades in proportion to the speed below ``FADING_BELOW_M_S``.
     """
-    moving = np.minimum(1.0, np.abs(v_m_s) / FADING_BELOW_M_S)
+    moving = planned_share(v_m_s)
     turn = ((1.0 + disturbance.turn_gain) * w_rad_s + disturbance.yaw_rad_s) * period_s
     heading = np.empty(turn.size + 1)
     heading[0] = 0.0

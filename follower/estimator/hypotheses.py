@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from common.config import DisturbanceConfig
 from common.geometry import Array, wrap_angle
-from follower.model.motion_model import DISTURBANCE, POSE, STATES
+from follower.model.motion import DISTURBANCE, POSE, STATES
 
 Kinds = NDArray[np.bool_]
 

@@ -18,17 +18,21 @@ from common.config import EstimatorConfig
 from common.geometry import Array, Pose2
 from common.timing import NS_PER_S
 from follower.estimator.hypotheses import Branching, Hypotheses
-from follower.model.motion import MotionDisturbance, share_of_drift
-from follower.model.motion_model import DISTURBANCE, POSE, advance, advance_all
+from follower.model.motion import (
+    DISTURBANCE,
+    POSE,
+    FadeDoubt,
+    MotionDisturbance,
+    advance,
+    advance_all,
+    share_of_drift,
+)
 
 Mask = NDArray[np.bool_]
 
 GATE_CHI2 = 16.0  # squared Mahalanobis distance of one point, 2 degrees of freedom: 1 in 3000 good ones is refused
 BRANCH_EVERY_S = 0.12
 DRIVING = 0.2  # share of the full drift below which disturbances cannot be told
-FADE_DOUBT = 0.7  # how far, of itself, a drift may be from the assumed fading when the speed has fallen to 1/e
-DOUBTED_BELOW_M_S = 0.08  # nobody knows the law by which drifts fade on the way to standstill
-STANDING_M_S = 1e-3
 
 
 class RelativeObserver:
@@ -46,7 +50,7 @@ class RelativeObserver:
         self._by_disturbance = np.zeros((3, 4))
         self._time_ns = self._branched_ns = 0
         self._drifting = 0.0
-        self._least_m_s = STANDING_M_S
+        self._fade = FadeDoubt()
 
     def reset(self, pose: Pose2, covariance: Array, time_ns: int) -> None:
         """Begin anew from a pose, its (3, 3) covariance [m, m, rad] and the time they belong to."""
@@ -109,7 +113,7 @@ class RelativeObserver:
         variances = np.einsum("kii->ki", covariances)  # a view, however they lie in memory
         variances[:, POSE] += (self._process + self._config.distance_noise**2 * abs(v_m_s)) * duration_s
         variances[:, DISTURBANCE] += known.kinds * (self._walk * (self._drifting * duration_s))
-        doubt = self._doubt(v_m_s)
+        doubt = self._fade.variance(v_m_s)
         if doubt > 0.0:
             variances[:, 5:] += doubt * known.kinds[:, 2:] * np.square(known.states[:, 5:])
         return covariances
@@ -189,15 +193,6 @@ class RelativeObserver:
             self._known = self._branching.branch(self._known, self._by_disturbance, since_s)
         else:
             self._known = self._branching.prune(self._known)
-
-    def _doubt(self, v_m_s: float) -> float:
-        """Variance, relative to a drift's square, that a drop of the speed to the least of late brings."""
-        speed = max(abs(v_m_s), STANDING_M_S)
-        if speed >= DOUBTED_BELOW_M_S:
-            self._least_m_s = DOUBTED_BELOW_M_S
-        slower = max(0.0, math.log(self._least_m_s / speed))
-        self._least_m_s = min(self._least_m_s, speed)
-        return FADE_DOUBT**2 * slower
 
 
 class _Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from common.config import EstimatorConfig
 from common.geometry import Array, Pose2, wrap_angle
 from common.timing import NS_PER_S
-from follower.model.motion_model import DISTURBANCE, POSE, STATES, advance
+from follower.model.motion import DISTURBANCE, POSE, STATES, advance
 
 AGREES_CHI2 = 16.3  # 3 degrees of freedom: 1 in 1000 true ones is refused
 _FLOOR = (0.10, 0.10, 0.05)  # m, m, rad

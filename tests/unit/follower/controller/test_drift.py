@@ -11,8 +11,7 @@ from common.config import default_config_path, load_config
 from common.geometry import Pose2, features_at
 from follower.controller.drift import DriftStop, as_planned
 from follower.controller.interface import SpeedCaps, make_controller
-from follower.controller.rollout import FADING_BELOW_M_S
-from follower.model.motion import NO_DISTURBANCE, MotionDisturbance
+from follower.model.motion import FADING_BELOW_M_S, NO_DISTURBANCE, MotionDisturbance
 
 CONFIG = load_config(default_config_path())
 POINTS, CAMERA, LIMITS = CONFIG.leds.points, CONFIG.camera.mount, CONFIG.limits

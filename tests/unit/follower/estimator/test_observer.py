@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from common.config import Config, default_config_path, load_config
 from common.geometry import Array, Pose2, feature_jacobian, features_at, move_relative
 from follower.estimator.observer import GATE_CHI2, RelativeObserver, _gate, _inverse
-from follower.model.motion import MotionDisturbance
-from follower.model.motion_model import advance
+from follower.model.motion import MotionDisturbance, advance
 
 CONFIG = load_config(default_config_path())
 POINTS, CAMERA = CONFIG.leds.points, CONFIG.camera.mount
