@@ -10,8 +10,8 @@ from common.config import BaseConfig, Config
 from common.geometry import Array, Pose2, features_at
 from common.messages import Drives
 from common.timing import NS_PER_S
+from follower.model.dead_reckoning import WheelReckoning
 from follower.supervisor.observed import Grip, Observed
-from follower.supervisor.reckoning import PoseReckoning
 from follower.supervisor.standstill import Standstill
 
 # what passes by itself stops the robot, and may do so so often within so long; more often it does not pass
@@ -49,7 +49,7 @@ class Attempt:
     trolley: int
     epoch: int
     taught: Mapping[int, Array] | None
-    reckoning: PoseReckoning
+    reckoning: WheelReckoning
     standstill: Standstill
     grip: Grip = "closed"
     armed: bool = False
@@ -96,7 +96,7 @@ class Attempt:
 
     def to_goal_m(self) -> float | None:
         """How far {F} still has to go along its axis, by the last sight and odometry; None if not known."""
-        pose = self.reckoning.pose
+        pose = self.reckoning.leader_in_follower
         return None if pose is None else pose.x_m - self.goal.x_m
 
     def unwell(self, seen: Observed) -> str:

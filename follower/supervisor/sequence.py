@@ -14,6 +14,7 @@ from common.config import Config
 from common.geometry import Array
 from common.messages import Answer, DockRequest, Drives, FollowerSummary, Mission, Phase
 from common.timing import NS_PER_S
+from follower.model.dead_reckoning import WheelReckoning
 from follower.supervisor.attempt import Attempt
 from follower.supervisor.observed import Decided, Observed, Orders, Verdict
 from follower.supervisor.phases.acquire import Acquire, Search
@@ -22,7 +23,6 @@ from follower.supervisor.phases.contact import Insert, Push
 from follower.supervisor.phases.lock import Lock, Release, Retract
 from follower.supervisor.phases.phase import PhaseLogic
 from follower.supervisor.phases.staging import Staging
-from follower.supervisor.reckoning import PoseReckoning
 from follower.supervisor.standstill import Standstill
 from follower.supervisor.transitions import ENDED, FREE, IN_CONTACT, Event, next_phase
 
@@ -77,7 +77,7 @@ class DockingSequence:
         self._resets = 0
         self._before_ns: int | None = None
         self._drives_silent_ns = 0
-        self._reckoning = PoseReckoning(config.base)
+        self._reckoning = WheelReckoning(config.base, config.estimator)
         self._standstill = Standstill(config.base)
         self._attempt = Attempt(config, 1, run_id, None, self._reckoning, self._standstill)
         self._apart: bool | None = None
@@ -132,7 +132,7 @@ class DockingSequence:
 
     def _clear_of_queue(self, seen: Observed) -> bool:
         """By sight and odometry; the queue is as long as the Leader counts, or as what was touched last."""
-        pose, leader = self._reckoning.pose, seen.leader
+        pose, leader = self._reckoning.leader_in_follower, seen.leader
         if pose is None or leader is None or leader.queue is None:
             return False
         next_one = max(leader.queue + 1, self._touched)
