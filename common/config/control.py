@@ -40,10 +40,9 @@ class CompensationConfig(Section):
 
 
 class ControllerConfig(Section):
-    """The predictive problem of the paper, eq. (nmpc_problem)."""
+    """The predictive problem of the paper, eq. (28)."""
 
-    method: Literal["paper", "davpc"]
-    solver: str
+    method: Literal["davpc", "paper_fatrop", "paper_ipopt"]
     horizon: Annotated[int, Field(ge=5, le=100)]
     period_ms: Positive
     terminal_weight: NonNegative

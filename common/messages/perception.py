@@ -36,9 +36,10 @@ class DockingState:
     ``features`` are the measured normalised coordinates [α, β] of the LEDs, by LED, None for one not seen;
     ``features_filtered`` the same from the filtered pose. The pose is that of {L} in {F} at ``capture_ns``,
     its covariance row by row (x [m], y [m], θ [rad]). ``theta_homography_rad`` is θ_L^F of the paper's
-    homography where that has a solution. ``disturbance`` is what the motion differs from the wheels by: relative
-    speed, relative turn, yaw [rad/s], sideways [m/s]. ``fit`` is the frame's own planar fit, unfiltered: x [m],
-    y [m], θ, camera pitch and roll [rad], with the covariance of x, y, θ in ``fit_covariance``. ``cause`` says
+    homography, None where it has no solution or no method of the paper is configured. ``disturbance`` is what the
+    motion differs from the wheels by: relative speed, relative turn, yaw [rad/s], sideways [m/s]. ``fit`` is the
+    frame's own planar fit, unfiltered: x [m], y [m], θ, camera pitch and roll [rad], with the covariance of x, y, θ
+    in ``fit_covariance``. ``cause`` says
     what was wrong with the frame; ``valid`` outlives it for as long as the estimator carries the pose on.
     """
 

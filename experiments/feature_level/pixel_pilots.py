@@ -6,19 +6,21 @@ import numpy as np
 
 from common.messages import Mission
 from experiments.feature_level.feature_world import Measurement
-from experiments.feature_level.pilots import Insight, Pilot, PilotFactory, Task, Twist
+from experiments.feature_level.pilots import Insight, Pilot, PilotFactory, Twist
 from experiments.feature_level.pixel_world import Seen
+from experiments.feature_level.task import Task
+from follower.controller.davpc import DavpcMethod
 from follower.controller.docking import DockingController
-from follower.controller.interface import PredictiveController
+from follower.controller.interface import PoseController
 
 
 class RuntimePilot:
     """The controller process's own code, with a mission that caps nothing."""
 
-    def __init__(self, task: Task, controller: PredictiveController) -> None:
+    def __init__(self, task: Task, controller: PoseController) -> None:
         self.insight = Insight()
         controller.reset()
-        self._docking = DockingController(task.config, controller)
+        self._docking = DockingController(task.config, DavpcMethod(task.config, controller))
         self._mission = _uncapped(task)
         self._seen: Seen | None = None
 
@@ -63,8 +65,8 @@ class PixelPilotFactory(PilotFactory):
 
     def make(self) -> Pilot:
         """A pilot for one run."""
-        if self._method == "davpc" and self._controller is not None:
-            return RuntimePilot(self.task, self._controller)
+        if self._own is not None:
+            return RuntimePilot(self.task, self._own)
         return WaitingPilot(super().make())
 
 

@@ -106,9 +106,8 @@ def pixel_config(config: Config, method: str) -> Config:
 
 
 def _controller(config: Config, method: str) -> ControllerConfig:
-    own = method == "davpc"
-    solver = {"method": "davpc" if own else "paper", "solver": "gauss_newton" if own else "fatrop"}
-    return config.controller.model_copy(update=solver | (PAPER_TUNING if method in ("paper", "vpc") else {}))
+    chosen = {"method": "davpc" if method == "davpc" else "paper_fatrop"}
+    return config.controller.model_copy(update=chosen | (PAPER_TUNING if method in ("paper", "vpc") else {}))
 
 
 def level_settings(config: Config, level: Level, cases: tuple[str, ...]) -> dict[str, Any]:

@@ -46,4 +46,4 @@ def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 10) -> di
 def _median_ms(config: Config, case: Case, seed: int) -> float:
     setting = method_config(config, case.method)
     problems = record_problems(setting, TIMED_PROBLEMS, seed)
-    return time_solver(setting, setting.controller.solver, problems).median_ms
+    return time_solver(setting, setting.controller.method, problems).median_ms

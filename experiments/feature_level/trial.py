@@ -12,7 +12,7 @@ from common.config import Config
 from common.geometry import Array, Pose2, features_at
 from common.timing import NS_PER_S
 from experiments.feature_level.feature_world import Disturbances, FeatureWorld, Measurement, project
-from experiments.feature_level.pilots import Pilot, Task
+from experiments.feature_level.pilots import Pilot
 from experiments.feature_level.scenes import (
     DURATION_S,
     FRAME_RATE_HZ,
@@ -21,6 +21,7 @@ from experiments.feature_level.scenes import (
     NOISE_THETA_RAD,
     OVER_BOUND_M,
 )
+from experiments.feature_level.task import Task
 
 
 class World(Protocol):

@@ -17,19 +17,13 @@ import numpy as np
 from common.config import Config, ControllerConfig, DockingConfig, LimitsConfig
 from common.geometry import Array, Pinhole, Pose2, feature_jacobian, features_at
 from follower.controller.drift import DriftStop, as_planned
-from follower.controller.interface import (
-    Plan,
-    PlanStatus,
-    SpeedCaps,
-    failed_plan,
-)
+from follower.controller.interface import Goal, MotionState, Plan, PlanStatus, SpeedCaps, Velocity, failed_plan
 from follower.controller.knots import KnotBasis
-from follower.controller.limits import possible_request, reachable_bounds
+from follower.controller.limits import possible_request, reachable_bounds, visibility_bounds
 from follower.controller.optimality import quadratic_residual
 from follower.controller.rollout import Rollout, features_along, roll_out
 from follower.controller.wheel_lag import wheel_response
 from follower.model.motion import NO_DISTURBANCE, MotionDisturbance, drifts
-from follower.paper.nmpc import visibility_bounds
 
 COLD_STEPS = 5  # without a warm start; closed loop does the rest
 CONVERGED = 1e-5
@@ -90,10 +84,10 @@ class RealtimeController:
     def warm_up(self) -> None:
         """Solve from three metres before the goal, cold and then warm."""
         caps = SpeedCaps(self._limits.v_min_m_s, self._limits.v_max_m_s, self._limits.w_max_rad_s)
-        goal = features_at(self._points_l, Pose2(1.5, 0.0, 0.0), self._camera)
-        start = Pose2(4.5, 0.3, 0.1)
+        goal = Goal(features_at(self._points_l, Pose2(1.5, 0.0, 0.0), self._camera))
+        start = MotionState(Pose2(4.5, 0.3, 0.1))
         for _ in range(3):
-            self.solve(start, goal, 0.0, goal, 0.0, (0.0, 0.0), caps)
+            self.solve(start, goal, (0.0, 0.0), caps)
         self.reset()
 
     def reset(self) -> None:
@@ -101,20 +95,10 @@ class RealtimeController:
         self._warm = None
         self._stop.reset()
 
-    def solve(
-        self,
-        pose: Pose2,
-        features: Array,  # noqa: ARG002 - the pose carries what they told
-        theta_rad: float,  # noqa: ARG002
-        desired_features: Array,
-        desired_theta_rad: float,
-        last_applied: tuple[float, float],
-        caps: SpeedCaps,
-        disturbance: MotionDisturbance = NO_DISTURBANCE,
-        wheels: tuple[float, float] | None = None,
-    ) -> Plan:
+    def solve(self, state: MotionState, goal: Goal, last_applied: Velocity, caps: SpeedCaps) -> Plan:
         """One step from the last solution, several from none; see :class:`PredictiveController`."""
-        desired = np.append(np.asarray(desired_features, dtype=float).reshape(-1), desired_theta_rad)
+        pose, disturbance, wheels = state.leader_in_follower, state.disturbance, state.wheels
+        desired = goal.outputs()
         horizon = self._knots.basis.shape[0]
         finite = np.isfinite([*pose.as_array(), *(wheels or ()), *astuple(disturbance)])
         sound = desired.size == self._terminal_weight.size and finite.all() and np.isfinite(desired).all()
@@ -134,7 +118,7 @@ class RealtimeController:
             error = np.full(desired.size, np.inf)
         return self._stop.update(error)
 
-    def _stand(self, pose: Pose2, desired: Array, last_applied: tuple[float, float]) -> Plan:
+    def _stand(self, pose: Pose2, desired: Array, last_applied: Velocity) -> Plan:
         """The plan that brakes and stays; the next one starts from it."""
         self._warm = knots = self._knots.braking(last_applied, self._step_limits)
         v, w = knots.reshape(2, -1) @ self._knots.basis.T
@@ -145,10 +129,10 @@ class RealtimeController:
         self,
         pose: Pose2,
         desired: Array,
-        last_applied: tuple[float, float],
+        last_applied: Velocity,
         caps: SpeedCaps,
         observed: MotionDisturbance,
-        wheels: tuple[float, float],
+        wheels: Velocity,
     ) -> Plan:
         """Gauss–Newton steps from the last solution, or from none."""
         horizon = self._knots.basis.shape[0]
@@ -175,7 +159,7 @@ class RealtimeController:
         rolled = self._roll_out(pose, knots, free, disturbance)
         return self._plan(rolled, knots, desired, last_applied, iterations)
 
-    def _guess(self, last_applied: tuple[float, float]) -> tuple[Array, int]:
+    def _guess(self, last_applied: Velocity) -> tuple[Array, int]:
         if self._warm is None:
             return self._knots.braking(last_applied, self._step_limits), self._cold_steps
         return (self._knots.shift @ self._warm.reshape(2, -1).T).T.reshape(-1), 1
@@ -189,7 +173,7 @@ class RealtimeController:
         rolled: Rollout,
         knots: Array,
         desired: Array,
-        last_applied: tuple[float, float],
+        last_applied: Velocity,
         lower: Array,
         upper: Array,
     ) -> tuple[PlanStatus, Array, int]:
@@ -257,7 +241,7 @@ class RealtimeController:
             row_high.append(high[here] + offset)
         return np.vstack(rows), np.concatenate(row_low), np.concatenate(row_high)
 
-    def _bounds(self, caps: SpeedCaps, last_applied: tuple[float, float]) -> tuple[Array, Array]:
+    def _bounds(self, caps: SpeedCaps, last_applied: Velocity) -> tuple[Array, Array]:
         """Bounds of the knots (2m,); the first knot keeps the rate limit against the last command."""
         reach = reachable_bounds(caps, last_applied, self._limits, self._knots.basis.shape[0])
         v_low, v_high, w_low, w_high = (bound[self._knots.knots] for bound in reach)
@@ -266,9 +250,7 @@ class RealtimeController:
             lower[i], upper[i] = max(lower[i], last - step), min(upper[i], last + step)
         return lower, upper
 
-    def _plan(
-        self, rolled: Rollout, knots: Array, desired: Array, last_applied: tuple[float, float], iterations: int
-    ) -> Plan:
+    def _plan(self, rolled: Rollout, knots: Array, desired: Array, last_applied: Velocity, iterations: int) -> Plan:
         v, w = knots.reshape(2, -1) @ self._knots.basis.T
         states = rolled.poses()
         try:

@@ -19,7 +19,6 @@ class Detection:
         features_level: (n, 2) the same as a camera without the fitted pitch and roll would see them.
         spots: candidates found, in the whole frame or in the tracked regions.
         leds_seen: LEDs that were matched.
-        theta_homography_rad: θ_L^F of the paper's homography; None where it has no solution.
         pose: fitted pose of {L} in {F}; None without a fit, as is the covariance.
         pitch_rad, roll_rad: camera tilt away from its mounting: up, right side down.
         covariance: (3, 3) of x [m], y [m], θ [rad].
@@ -34,7 +33,6 @@ class Detection:
     features_level: Array
     spots: int = 0
     leds_seen: int = 0
-    theta_homography_rad: float | None = None
     pose: Pose2 | None = None
     pitch_rad: float = 0.0
     roll_rad: float = 0.0

@@ -1,4 +1,4 @@
-"""Frame → Detection: spots, identification or tracking, both routes to θ, and why a frame says nothing.
+"""Frame → Detection: spots, identification or tracking, the fitted pose, and why a frame says nothing.
 
 A new lock is used only after it has held for some frames. When the array is lost, the state is carried on by
 the measured twist for a while and the array looked for around it; after that, in the whole image, but only where
@@ -28,7 +28,6 @@ from follower.estimator.single_fit import PlanarFit, fit_one, levelled
 from follower.estimator.spots import NoisyImageError, SpotRule, Spots, brightest, find_spots, find_spots_near
 from follower.estimator.tracking import ArrayTracker, Followed, nearest_within, predict_features, predict_state
 from follower.model.dead_reckoning import DeadReckoning
-from follower.paper.homography import array_normal, theta_from_homography
 
 TILT_SIGMA_RAD = math.radians(0.7)
 MOST_CANDIDATES = 40
@@ -70,7 +69,6 @@ class Perception:
         self._points = config.leds.points
         self._mount = camera.mount
         self._height = self._mount[2] - self._points[:, 2]
-        self._normal = array_normal(self._points)
         sigma = estimator.pixel_sigma_px / self._focal_px
         self._model = FitModel(self._points, self._mount, sigma, TILT_SIGMA_RAD)
         self._identifier = Identifier(self._model, Limits())
@@ -93,7 +91,6 @@ class Perception:
         frame_sequence: int,
         capture_ns: int,
         twist: tuple[float, float],
-        desired_features: Array | None,
         predicted: Pose2 | None = None,
         light: float = 1.0,
     ) -> Detection:
@@ -104,7 +101,6 @@ class Perception:
             frame_sequence: the camera's count.
             capture_ns: middle of the exposure.
             twist: measured (v [m/s], ω [rad/s]) of {F} around the capture.
-            desired_features: (n, 2) normalised features at the goal; None: no homography.
             predicted: pose of {L} in {F} at the capture as the observer expects it; where the array was not seen
                 in the last frame, it is looked for there.
             light: the frame's exposure times gain over the configured ones.
@@ -133,11 +129,7 @@ class Perception:
         if not detection.valid or detection.pose is None or detection.covariance is None:
             return detection
         self._reckoning.seen(detection.pose, detection.covariance, capture_ns)
-        if desired_features is None:
-            return detection
-        expected = predicted or detection.pose
-        theta = theta_from_homography(detection.features, desired_features, self._normal, expected.theta_rad)
-        return replace(detection, theta_homography_rad=theta)
+        return detection
 
     def drive(self, now_ns: int, twist: tuple[float, float]) -> None:
         """No frame came: drive on without sight, with the (v [m/s], ω [rad/s]) measured until now."""

@@ -9,6 +9,7 @@ is a pure rotation and is read as such.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -66,6 +67,16 @@ def theta_from_homography(
     if _is_rotation(matrix, scale):
         return _heading(matrix)
     return _choose(matrix, rays, normal, predicted_theta_rad)
+
+
+def route(points_l: Array) -> Callable[[Array, Array, float | None], float | None]:
+    """:func:`theta_from_homography` of one array, (n, 3) LEDs in {L} [m]: current, desired, predicted θ → θ."""
+    normal = array_normal(points_l)
+
+    def theta(current: Array, desired: Array, predicted_theta_rad: float | None) -> float | None:
+        return theta_from_homography(current, desired, normal, predicted_theta_rad)
+
+    return theta
 
 
 def _in_front(matrix: Rows, rays: list[list[float]]) -> Rows:

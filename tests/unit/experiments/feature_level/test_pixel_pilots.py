@@ -61,7 +61,7 @@ def test_a_command_acts_after_the_latency() -> None:
 
 
 def test_perception_sees_the_array_of_the_true_pose() -> None:
-    world = PixelWorld(CONFIG, NEAR_START, [1, 0], DISTURBANCES["none"])
+    world = PixelWorld(pixel_config(CONFIG, "ibvs"), NEAR_START, [1, 0], DISTURBANCES["none"])
     seen = world.measure(0)
     assert np.isnan(seen.features).all()  # a new lock has to be confirmed
     for frame in range(1, 6):
