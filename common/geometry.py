@@ -89,20 +89,6 @@ def features_at(points_l: Array, relative: Pose2, camera_xyz_m: Array) -> Array:
     return normalise(points_in_camera(points_l, relative, camera_xyz_m))
 
 
-def feature_jacobian(points_l: Array, relative: Pose2, camera_xyz_m: Array) -> Array:
-    """∂s/∂(x_L^F, y_L^F, θ_L^F) of all features, (2n, 3): eqs. (featurepoint), (depthscale) differentiated."""
-    c, s = math.cos(relative.theta_rad), math.sin(relative.theta_rad)
-    across, _, depth = points_in_camera(points_l, relative, camera_xyz_m).T
-    alpha, beta = across / depth, (camera_xyz_m[2] - points_l[:, 2]) / depth
-    across_by_theta = points_l[:, 1] * s - points_l[:, 0] * c
-    depth_by_theta = -points_l[:, 0] * s - points_l[:, 1] * c
-    rows = np.zeros((len(points_l), 2, 3))
-    rows[:, 0, 0], rows[:, 0, 1], rows[:, 0, 2] = -alpha, -1.0, across_by_theta - alpha * depth_by_theta
-    rows[:, 1, 0], rows[:, 1, 2] = -beta, -beta * depth_by_theta
-    jacobian: Array = (rows / depth[:, None, None]).reshape(-1, 3)
-    return jacobian
-
-
 def interaction_matrix(features: Array, height_difference_m: Array, camera_xyz_m: Array) -> Array:
     """Interaction matrix J_s of n points, (n, 2, 2), in ds/dt = J_s u_F: eq. (interaction_matrix).
 

@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 
-from common.geometry import Array, Pose2, feature_jacobian, move_relative
+from common.geometry import Array, Pose2, move_relative
 from experiments.feature_level.scenes import FRAME_RATE_HZ, FRAMES_PER_COMMAND, NOISE_THETA_RAD
 from experiments.feature_level.task import Task
 from experiments.feature_level.trial import Trace
+from follower.model.array import feature_jacobian
 
 MEAN_ABSOLUTE = math.sqrt(2 / math.pi)  # of a Gaussian, in standard deviations
 

@@ -15,14 +15,15 @@ import daqp
 import numpy as np
 
 from common.config import Config, ControllerConfig, DockingConfig, LimitsConfig
-from common.geometry import Array, Pinhole, Pose2, feature_jacobian, features_at
+from common.geometry import Array, Pinhole, Pose2, features_at
 from follower.controller.drift import DriftStop, as_planned
 from follower.controller.interface import Goal, MotionState, Plan, PlanStatus, SpeedCaps, Velocity, failed_plan
 from follower.controller.knots import KnotBasis
 from follower.controller.limits import possible_request, reachable_bounds, visibility_bounds
 from follower.controller.optimality import quadratic_residual
-from follower.controller.rollout import Rollout, features_along, roll_out
+from follower.controller.rollout import Rollout, roll_out
 from follower.controller.wheel_lag import wheel_response
+from follower.model.array import LedArray, led_by_led
 from follower.model.motion import NO_DISTURBANCE, MotionDisturbance, drifts
 
 COLD_STEPS = 5  # without a warm start; closed loop does the rest
@@ -55,6 +56,7 @@ class RealtimeController:
         )
         self._cold_steps = cold_steps
         self._points_l, self._camera = points_l, camera_xyz_m
+        self._array = LedArray(points_l, camera_xyz_m)
         dv, dw = config.rate_limit
         self._limits = limits.model_copy(
             update={
@@ -181,7 +183,8 @@ class RealtimeController:
         horizon = self._knots.basis.shape[0]
         final = rolled.pose(horizon)
         outputs = self._outputs(final)
-        by_pose = np.vstack([feature_jacobian(self._points_l, final, self._camera), [0.0, 0.0, 1.0]])
+        _, slopes, _ = self._array.project(final.as_array()[None])
+        by_pose = np.vstack([led_by_led(slopes[0]), [0.0, 0.0, 1.0]])
         by_knots = by_pose @ self._by_knots(rolled, horizon)
         weighted = by_knots.T * self._terminal_weight
         hessian = self._hessian + 2 * weighted @ by_knots
@@ -228,13 +231,16 @@ class RealtimeController:
         low, high = self._visible
         stages = self._watched
         poses = rolled.poses()[stages]
-        seen = features_along(self._points_l, poses, self._camera)
+        features, depth = self._array.features(poses)
+        if np.any(depth <= 0):
+            raise ValueError("a point behind the camera has no image")
+        seen = features.swapaxes(1, 2).reshape(len(poses), -1)
         near = (seen < low + NEAR_EDGE) | (seen > high - NEAR_EDGE)
         rows, row_low, row_high = [np.empty((0, knots.size))], [np.empty(0)], [np.empty(0)]
         for i in np.flatnonzero(near.any(axis=1)):
             here = near[i]
-            by_pose = feature_jacobian(self._points_l, Pose2(*poses[i]), self._camera)[here]
-            by_knots = by_pose @ self._by_knots(rolled, int(stages[i]))
+            _, slopes, _ = self._array.project(poses[i : i + 1])
+            by_knots = led_by_led(slopes[0])[here] @ self._by_knots(rolled, int(stages[i]))
             offset = by_knots @ knots - seen[i, here]
             rows.append(by_knots)
             row_low.append(low[here] + offset)

@@ -87,19 +87,3 @@ def roll_out(start: Pose2, v_m_s: Array, w_rad_s: Array, period_s: float, distur
     fading = np.where(moving < 1.0, np.sign(v_m_s) / FADING_BELOW_M_S, 0.0)
     by_v = direction * (1.0 + disturbance.gain + 1j * disturbance.sideways_m_s * fading) * period_s
     return Rollout(start, heading, position, by_v, 1.0 + disturbance.turn_gain, period_s)
-
-
-def features_along(points_l: Array, poses: Array, camera_xyz_m: Array) -> Array:
-    """Features (k, 2n) from k poses.
-
-    Raises:
-        ValueError: a point lies behind the camera.
-    """
-    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
-    depth = poses[:, :1] - camera_xyz_m[0] + c * points_l[:, 0] - s * points_l[:, 1]
-    if np.any(depth <= 0):
-        raise ValueError("a point behind the camera has no image")
-    across = camera_xyz_m[1] - poses[:, 1:2] - s * points_l[:, 0] - c * points_l[:, 1]
-    seen = np.empty((len(poses), 2 * len(points_l)))
-    seen[:, 0::2], seen[:, 1::2] = across / depth, (camera_xyz_m[2] - points_l[:, 2]) / depth
-    return seen

@@ -18,6 +18,7 @@ from common.config import EstimatorConfig
 from common.geometry import Array, Pose2
 from common.timing import NS_PER_S
 from follower.estimator.hypotheses import Branching, Hypotheses
+from follower.model.array import LedArray
 from follower.model.motion import (
     DISTURBANCE,
     POSE,
@@ -39,7 +40,7 @@ class RelativeObserver:
     """Filtered pose of {L} in {F}, and the disturbance. ``reset`` before anything else."""
 
     def __init__(self, points_l: Array, camera_xyz_m: Array, config: EstimatorConfig) -> None:
-        self._array = _Array(points_l, camera_xyz_m)
+        self._array = LedArray(points_l, camera_xyz_m)
         self._config = config
         self._branching = Branching(config.disturbance)
         self._walk = np.square(config.disturbance.walk)
@@ -130,8 +131,9 @@ class RelativeObserver:
         Returns:
             (n,) whether each point was used by the likeliest history; not those unseen or outside its gate.
         """
-        seen, slopes, nearest_m = self._array.look(self._known.states)
-        ahead = nearest_m > 0.0
+        seen, slopes, depth = self._array.project(self._known.states[:, POSE])
+        seen, slopes = seen.reshape(len(seen), -1), slopes.reshape(len(seen), -1, 3)
+        ahead = depth.min(axis=1) > 0.0
         if not ahead.all():
             if not ahead.any():
                 return np.zeros(len(features), dtype=bool)
@@ -193,36 +195,6 @@ class RelativeObserver:
             self._known = self._branching.branch(self._known, self._by_disturbance, since_s)
         else:
             self._known = self._branching.prune(self._known)
-
-
-class _Array:
-    """The LEDs and the camera, for many poses at once."""
-
-    def __init__(self, points_l: Array, camera_xyz_m: Array) -> None:
-        self._camera_x, self._camera_y, camera_z = camera_xyz_m
-        self._places = points_l[:, 0] + 1j * points_l[:, 1]
-        self._heights = camera_z - points_l[:, 2]
-
-    def look(self, states: Array) -> tuple[Array, Array, Array]:
-        """Features from k states, (k, 2n), all α before all β; their slopes by the pose, (k, 2n, 3); nearest depth.
-
-        They mean nothing where the nearest depth (k,) is not positive.
-        """
-        turned = np.exp(1j * states[:, 2:3]) * self._places
-        along, left = turned.real, turned.imag
-        depth = along + (states[:, 0:1] - self._camera_x)
-        inverse, count = 1.0 / depth, len(self._places)
-        seen = np.empty((len(states), 2, count))
-        seen[:, 0] = (self._camera_y - states[:, 1:2] - left) * inverse
-        seen[:, 1] = self._heights * inverse
-        slopes = np.zeros((len(states), 2, count, 3))
-        by_depth = seen * inverse[:, None]
-        slopes[:, :, :, 0] = -by_depth
-        slopes[:, 0, :, 1] = -inverse
-        by_depth *= left[:, None]
-        by_depth[:, 0] -= along * inverse
-        slopes[:, :, :, 2] = by_depth
-        return seen.reshape(-1, 2 * count), slopes.reshape(-1, 2 * count, 3), depth.min(axis=1)
 
 
 def _gate(residual: Array, slopes: Array, covariances: Array, visible: Mask) -> tuple[Mask, Array]:
