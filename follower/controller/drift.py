@@ -47,11 +47,15 @@ class DriftStop:
         self._standing = False
 
     def reset(self) -> None:
-        """Begin anew."""
+        """Start again: the robot does not stand."""
         self._standing = False
 
     def update(self, error: Array) -> bool:
-        """From the error (2n+1,) of features and θ."""
+        """Whether the robot stands from now on.
+
+        Args:
+            error: (2n+1,) of features and θ against the goal.
+        """
         share = LEAVE_SHARE if self._standing else STOP_SHARE
         self._standing = bool(np.all(np.abs(error) < share * self._tolerance))
         return self._standing

@@ -30,6 +30,12 @@ def reachable_bounds(
 
     A cap below the speed driven now is approached as fast as the rate limit allows, so that caps and rate limit
     never contradict each other.
+
+    Args:
+        caps: velocity bounds now.
+        last_applied: the command published last.
+        limits: the configured bounds, with the rate limit.
+        horizon: N_p.
     """
     steps = np.arange(1, horizon + 1)
     v, w = last_applied

@@ -1,6 +1,6 @@
 """The default controller: the paper's problem in 3 states, by one Gauss–Newton step a period.
 
-The state is the relative pose; the features are its outputs, and the terminal cost of eq. (nmpc_problem) stays on
+The state is the relative pose; the features are its outputs, and the terminal cost of eq. (28) stays on
 them. The motion is condensed into the inputs, which are linear between knots: velocity bounds and rate limit hold at
 every step if they hold at the knots. What is left is a dense quadratic program of two variables a knot,
 solved by daqp, with soft rows for features that come near the edge of the image.
@@ -98,7 +98,14 @@ class RealtimeController:
         self._stop.reset()
 
     def solve(self, state: MotionState, goal: Goal, last_applied: Velocity, caps: SpeedCaps) -> Plan:
-        """One step from the last solution, several from none; see :class:`PredictiveController`."""
+        """One step from the last solution, several from none; see :class:`PredictiveController`.
+
+        Args:
+            state: pose when the command takes effect, disturbance, wheels.
+            goal: where the plan leads.
+            last_applied: command that u_0 may differ from by one step of the rate limit.
+            caps: velocity bounds now.
+        """
         pose, disturbance, wheels = state.leader_in_follower, state.disturbance, state.wheels
         desired = goal.outputs()
         horizon = self._knots.basis.shape[0]

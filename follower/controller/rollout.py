@@ -1,7 +1,7 @@
 """Where a sequence of inputs brings the Follower, and how that changes with each of them, in closed form.
 
-The exact discretisation of eq. (relative), but for the chord of each step's arc, which is taken for the arc itself:
-at 0.6 rad/s and 50 ms that is 4e-5 of the step. Disturbances scale with speed (see ``MotionDisturbance``).
+The exact discretisation of eq. (2), the relative motion, but for the chord of each step's arc, which counts for the
+arc: at 0.6 rad/s and 50 ms that is 4e-5 of the step. Disturbances scale with speed (see ``MotionDisturbance``).
 """
 
 from __future__ import annotations
@@ -69,10 +69,17 @@ class Rollout:
 
 
 def roll_out(start: Pose2, v_m_s: Array, w_rad_s: Array, period_s: float, disturbance: MotionDisturbance) -> Rollout:
-    """Motion from ``start``, the pose of {L} in {F}, with (N,) inputs held for one period each.
+    """Motion with inputs held for one period each.
 
-    The yaw stays: a plan need not know how it will fade, since every later one takes off what it then is. The
-    sideways drift, which nothing takes off, fades in proportion to the speed below ``FADING_BELOW_M_S``.
+    The yaw stays: a plan need not predict how it fades, since every later plan corrects for what it then is. The
+    sideways drift, which nothing corrects for, fades in proportion to the speed below ``FADING_BELOW_M_S``.
+
+    Args:
+        start: pose of {L} in {F}.
+        v_m_s: (N,) inputs v.
+        w_rad_s: (N,) inputs ω.
+        period_s: of one input.
+        disturbance: of a robot that moves at full speed.
     """
     moving = planned_share(v_m_s)
     turn = ((1.0 + disturbance.turn_gain) * w_rad_s + disturbance.yaw_rad_s) * period_s

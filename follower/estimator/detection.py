@@ -1,4 +1,4 @@
-"""What perception says of one frame."""
+"""What perception finds in one frame."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from common.messages import StateCause
 
 @dataclass(frozen=True)
 class Detection:
-    """What one frame says about the array.
+    """What one frame shows of the array.
 
     Attributes:
         frame_sequence, capture_ns: the frame.
-        valid: whether features and pose may be used; else ``cause`` says why not.
+        valid: whether features and pose may be used; else ``cause`` is the reason.
         features: (n, 2) normalised [α, β] by LED as measured, NaN where not seen.
         features_level: (n, 2) the same as a camera without the fitted pitch and roll would see them.
         spots: candidates found, in the whole frame or in the tracked regions.

@@ -33,7 +33,7 @@ Mask = NDArray[np.bool_]
 
 GATE_CHI2 = 16.0  # squared Mahalanobis distance of one point, 2 degrees of freedom: 1 in 3000 good ones is refused
 BRANCH_EVERY_S = 0.12
-DRIVING = 0.2  # share of the full drift below which disturbances cannot be told
+DRIVING = 0.2  # share of the full drift below which disturbances cannot be observed
 
 
 class RelativeObserver:
@@ -54,7 +54,13 @@ class RelativeObserver:
         self._fade = FadeDoubt()
 
     def reset(self, pose: Pose2, covariance: Array, time_ns: int) -> None:
-        """Begin anew from a pose, its (3, 3) covariance [m, m, rad] and the time they belong to."""
+        """Start again.
+
+        Args:
+            pose: of {L} in {F}.
+            covariance: (3, 3) of x [m], y [m], θ [rad].
+            time_ns: the time they belong to.
+        """
         self._known = self._branching.begin(pose.as_array(), covariance)
         self._mean = None
         self._time_ns = self._branched_ns = time_ns
@@ -104,7 +110,7 @@ class RelativeObserver:
         self._mean = None
 
     def _carried(self, known: Hypotheses, slopes: Array, v_m_s: float, duration_s: float) -> Array:
-        """(k, 7, 7): the covariances moved on by (k, 3, 7) slopes of the pose, and what nobody knows added."""
+        """(k, 7, 7): the covariances moved on by (k, 3, 7) slopes of the pose, process noise added."""
         self._drifting = share_of_drift(v_m_s)
         covariances = known.covariances
         by_slopes = slopes @ covariances

@@ -1,4 +1,4 @@
-"""Frame → Detection: spots, identification or tracking, the fitted pose, and why a frame says nothing.
+"""Frame → Detection: spots, identification or tracking, the fitted pose, and why a frame is of no use.
 
 A new lock is used only after it has held for some frames. When the array is lost, the state is carried on by
 the measured twist for a while and the array looked for around it; after that, in the whole image, but only where
@@ -81,8 +81,8 @@ class Perception:
         self._failures = 0
         self._light = 1.0
 
-    def let_go(self) -> None:
-        """No docking goes on: the next array may be another one, anywhere."""
+    def forget_track(self) -> None:
+        """No docking in progress: the next array may be a different one, anywhere."""
         self._reckoning.forget()
 
     def process(
@@ -177,7 +177,7 @@ class Perception:
         if elapsed_ns > _KEEP_NS:
             return None
         state = predict_state(track.state, twist, elapsed_ns / NS_PER_S)
-        if predicted is not None and track.unseen_frames > 0:  # just seen, the last fit knows better, tilt included
+        if predicted is not None and track.unseen_frames > 0:  # just seen, the last fit is better, tilt included
             state[:3] = predicted.as_array()
         if self._settings.method == "paper":
             found = self._nearest(image, rule, track, twist, elapsed_ns / NS_PER_S)
@@ -199,10 +199,10 @@ class Perception:
             return None
         cause: StateCause = "coasting"
         if unseen_ns > self._settings.coast_ms * NS_PER_MS:
-            anew = self._identified(image, rule, nothing)
+            found_again = self._identified(image, rule, nothing)
             if self._track is not None:
-                return anew
-            cause = anew.cause
+                return found_again
+            cause = found_again.cause
         self._track = replace(
             track,
             capture_ns=nothing.capture_ns,
@@ -215,7 +215,7 @@ class Perception:
     def _nearest(
         self, image: Image, rule: SpotRule, track: _Track, twist: tuple[float, float], elapsed_s: float
     ) -> Followed | int:
-        """The paper's way: each LED's nearest spot within the gate around eq. (feature_prediction)."""
+        """As in the paper: each LED's nearest spot within the gate around its prediction, eq. (17)."""
         expected = predict_features(track.features, self._height, self._mount, twist, elapsed_s)
         expected_px = self._lens.to_pixels(expected)
         spots = find_spots_near(image, expected_px, _REGION_HALF_PX, rule)

@@ -23,7 +23,7 @@ MAX_STEP = np.array([1.5, 1.5, 0.5, 0.1, 0.1])
 
 @dataclass(frozen=True)
 class FitModel:
-    """What the fit knows: LEDs in {L}, camera in {F}, and how much to trust what.
+    """LEDs in {L}, camera in {F}, and the standard deviations of features and tilt.
 
     Attributes:
         points_l: (n, 3) LEDs in {L} [m].
@@ -63,7 +63,15 @@ class Fits:
 
 
 def project(model: FitModel, states: Array) -> tuple[Array, Array, Array]:
-    """Features of states (K, 5): ``(features (K, n, 2), Jacobian (K, n, 2, 5), depth (K, n))``."""
+    """Features of many states, for those who want them LED by LED.
+
+    Args:
+        model: array and camera.
+        states: (K, 5) x, y [m], θ, pitch, roll [rad].
+
+    Returns:
+        Features (K, n, 2), Jacobian (K, n, 2, 5), depths (K, n) [m].
+    """
     image, jacobian, depth = model.array.project(states)
     return image.swapaxes(1, 2), jacobian.swapaxes(1, 2), depth
 

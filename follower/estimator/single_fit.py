@@ -50,7 +50,12 @@ class PlanarFit:
 
 
 def features_of(model: FitModel, state: Array) -> Array:
-    """Features (n, 2) of one state x, y, θ, pitch, roll."""
+    """Features (n, 2) of one state.
+
+    Args:
+        model: array and camera.
+        state: (5,) x, y [m], θ, pitch, roll [rad].
+    """
     values, mount = state.tolist(), tuple(model.camera_xyz_m.tolist())
     tilt = tilt_of(values)
     rows = [project_led(tuple(point), values, mount, tilt) for point in model.points_l.tolist()]
@@ -58,7 +63,13 @@ def features_of(model: FitModel, state: Array) -> Array:
 
 
 def levelled(features: Array, pitch_rad: float, roll_rad: float) -> Array:
-    """Features (n, 2) as the camera would see them without its tilt; NaN stays NaN."""
+    """Features (n, 2) as the camera would see them without its tilt; NaN stays NaN.
+
+    Args:
+        features: (n, 2) normalised.
+        pitch_rad: of the camera, up.
+        roll_rad: of the camera, right side down.
+    """
     cp, sp, cr, sr = math.cos(pitch_rad), math.sin(pitch_rad), math.cos(roll_rad), math.sin(roll_rad)
     level = []
     for alpha, beta in features.tolist():
@@ -69,10 +80,19 @@ def levelled(features: Array, pitch_rad: float, roll_rad: float) -> Array:
 
 
 def fit_one(model: FitModel, features: Array, start: Array, iterations: int = 6) -> PlanarFit | None:
-    """Fit one hypothesis, features (n, 2) with NaN where not seen; None where a LED left the camera's view.
+    """Fit one hypothesis.
 
     Once a step is below 1e-4, residuals follow it to first order and the covariance is that of before it: what
     another evaluation would change does not show in eight digits.
+
+    Args:
+        model: array, camera and weights.
+        features: (n, 2) normalised, NaN where a LED is not seen.
+        start: (5,) x, y [m], θ, pitch, roll [rad].
+        iterations: Gauss–Newton steps at most.
+
+    Returns:
+        None where a LED left the camera's view or the LEDs seen do not determine the pose.
     """
     seen = [
         (row, alpha, beta, tuple(point))

@@ -18,7 +18,7 @@ from follower.estimator.detection import Detection
 from follower.estimator.observer import RelativeObserver
 from follower.estimator.pipeline import Perception
 
-# frames in a row that the observer may refuse before it starts anew from what perception sees
+# frames in a row that the observer may refuse before it restarts from what perception sees
 _REFUSED_LIMIT = 6
 _RESET_INFLATION = 4.0
 _HOMOGRAPHY_SIGMA_RAD = math.radians(3.0)  # of one frame: the noise of θ that the paper simulates
@@ -43,10 +43,10 @@ class StateEstimator:
         self._seen = 0
         self._dropped = 0
 
-    def let_go(self) -> None:
-        """No docking goes on: once lost, the array may be another one, anywhere. Nothing while it is in sight."""
+    def forget_track(self) -> None:
+        """No docking in progress: once lost, the array may be a different one. Does nothing while it is in sight."""
         if self._measured_ns is None:
-            self._perception.let_go()
+            self._perception.forget_track()
 
     def step(
         self, frame: Frame, image: Image | None, twist: tuple[float, float], desired_features: Array | None

@@ -132,7 +132,11 @@ def feature_jacobian(points_l: Array, leader_in_follower: Pose2, camera_xyz_m: A
 
 
 def led_by_led(values: Array) -> Array:
-    """Rows all α before all β, (2, n, …), in the order α_0, β_0, α_1 …, (2n, …)."""
+    """Rows all α before all β in the order α_0, β_0, α_1 …, (2n, …).
+
+    Args:
+        values: (2, n, …).
+    """
     return values.swapaxes(0, 1).reshape(-1, *values.shape[2:])
 
 

@@ -48,7 +48,7 @@ NO_DISTURBANCE = MotionDisturbance()
 
 
 def drifts(disturbance: MotionDisturbance) -> bool:
-    """Whether the robot is carried sideways or turned, beyond what noise makes an observer believe."""
+    """Whether the robot is carried sideways or turned, beyond what noise alone makes an observer estimate."""
     return abs(disturbance.yaw_rad_s) > 0.01 or abs(disturbance.sideways_m_s) > 0.005
 
 
@@ -58,7 +58,11 @@ def share_of_drift(v_m_s: float) -> float:
 
 
 def planned_share(v_m_s: Array) -> Array:
-    """(N,) share of the full sideways drift that a plan expects at speeds (N,) [m/s]: in proportion when slow."""
+    """(N,) share of the full sideways drift that a plan expects: in proportion to the speed when slow.
+
+    Args:
+        v_m_s: (N,) speeds.
+    """
     share: Array = np.minimum(1.0, np.abs(v_m_s) / FADING_BELOW_M_S)
     return share
 

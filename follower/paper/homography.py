@@ -26,7 +26,11 @@ Rows = list[list[float]]
 
 
 def array_normal(points_l: Array) -> Array:
-    """Unit normal of the array's plane in an untilted {C} at θ_L^F = 0, pointing away from the camera, (3,)."""
+    """Unit normal of the array's plane in an untilted {C} at θ_L^F = 0, pointing away from the camera, (3,).
+
+    Args:
+        points_l: (n, 3) LEDs in {L} [m].
+    """
     centred = points_l - points_l.mean(axis=0)
     normal_l = np.linalg.svd(centred)[2][2]
     normal = np.array([-normal_l[1], -normal_l[2], normal_l[0]])
@@ -70,7 +74,11 @@ def theta_from_homography(
 
 
 def route(points_l: Array) -> Callable[[Array, Array, float | None], float | None]:
-    """:func:`theta_from_homography` of one array, (n, 3) LEDs in {L} [m]: current, desired, predicted θ → θ."""
+    """:func:`theta_from_homography` of one array: current features, desired features, predicted θ → θ.
+
+    Args:
+        points_l: (n, 3) LEDs in {L} [m].
+    """
     normal = array_normal(points_l)
 
     def theta(current: Array, desired: Array, predicted_theta_rad: float | None) -> float | None:

@@ -9,12 +9,22 @@ from common.geometry import Array
 
 
 def extended_state(features: Array, theta_rad: float) -> Array:
-    """``x = [s_0 … s_{n−1}, θ_L^F]``, (2n+1,)."""
+    """``x = [s_0 … s_{n−1}, θ_L^F]``, (2n+1,).
+
+    Args:
+        features: (n, 2) normalised.
+        theta_rad: θ_L^F.
+    """
     return np.append(np.asarray(features, dtype=float).reshape(-1), theta_rad)
 
 
 def flipped_features(features: Array, height_difference_m: Array) -> bool:
-    """Whether noise gave some β the wrong sign, so that its depth Δh/β would be negative: eq. (7), depth from Δh."""
+    """Whether noise gave some β the wrong sign, so that its depth Δh/β, eq. (7), would be negative.
+
+    Args:
+        features: (n, 2) normalised.
+        height_difference_m: (n,) Δh per point.
+    """
     return bool(np.any(features[:, 1] * height_difference_m <= 0.0))
 
 

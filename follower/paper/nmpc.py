@@ -1,4 +1,4 @@
-"""The paper's visual predictive control problem, eq. (nmpc_problem), as a CasADi NLP.
+"""The paper's visual predictive control problem, eq. (28), as a CasADi NLP.
 
 Solved by fatrop, an interior-point method for optimal control, or by IPOPT, the reference. The state it starts
 from is handed in: whether measured or filtered is the caller's choice.
@@ -91,7 +91,14 @@ class PaperNmpc:
         self._warm = None
 
     def solve(self, state: FeatureState, goal: Goal, last_applied: Velocity, caps: SpeedCaps) -> Plan:
-        """Solve eq. (28), the predictive problem, from x_init; see :class:`PredictiveController`."""
+        """Solve eq. (28), the predictive problem, from x_init; see :class:`PredictiveController`.
+
+        Args:
+            state: x_init: features and θ.
+            goal: where the plan leads.
+            last_applied: command that u_0 may differ from by one step of the rate limit.
+            caps: velocity bounds now.
+        """
         shape, points = self._shape, (self._shape.points, 2)
         features = state.features
         start = extended_state(features, state.theta_rad)
@@ -110,7 +117,7 @@ class PaperNmpc:
         self._warm = None
         try:
             answer = self._solver(x0=guess, p=parameters, lbx=low, ubx=high, lbg=lower, ubg=upper)
-        except RuntimeError:  # CasADi's way of reporting that a solver broke off
+        except RuntimeError:  # so CasADi reports that a solver broke off
             return failed_plan(PlanStatus.NUMERICAL_FAILURE, shape.horizon, shape.state)
         stats = self._solver.stats()
         if not stats["success"] or not self._optimal(answer, parameters, low, high):

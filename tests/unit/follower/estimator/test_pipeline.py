@@ -98,7 +98,7 @@ def test_a_lock_is_confirmed_before_it_is_used(config: Config, shoot: Shoot) -> 
     assert 3 <= frames <= 8
 
 
-def test_what_the_wheels_cannot_explain_is_not_believed_until_let_go(config: Config, shoot: Shoot) -> None:
+def test_what_the_wheels_cannot_explain_waits_until_the_track_is_forgotten(config: Config, shoot: Shoot) -> None:
     perception, last = locked(config, shoot, Pose2(4.0, 0.0, 0.0))
     there = Pose2(4.0, 0.9, 0.2)
 
@@ -109,7 +109,7 @@ def test_what_the_wheels_cannot_explain_is_not_believed_until_let_go(config: Con
     assert not any(seen.valid for seen in refused)
     assert refused[0].cause == "coasting"
     assert {seen.cause for seen in refused} == {"coasting", "ambiguous"}, "bright as ever: no matter of exposure"
-    perception.let_go()
+    perception.forget_track()
     seen = [look(sequence) for sequence in range(last + 100, last + 106)][-1]
     assert seen.valid
     assert seen.pose is not None
