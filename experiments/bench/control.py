@@ -200,7 +200,11 @@ def time_solver(config: Config, solver: str, problems: list[Problem]) -> Timing:
 def worst_difference(config: Config, solver: str, problems: list[Problem], every: int) -> tuple[float, float, int]:
     """Worst |Δv|, |Δω| of the first input to the converged solution of the same formulation; how many miss it.
 
-    The solver runs through all problems, warm-started; every so many are solved anew to convergence.
+    Args:
+        config: the robots.
+        solver: one of ``SOLVERS``; it runs through all problems, warm-started.
+        problems: in order.
+        every: so many are solved again to convergence.
     """
     quick = _make(config, solver)
     own = solver == "davpc"
@@ -222,7 +226,15 @@ def worst_difference(config: Config, solver: str, problems: list[Problem], every
 
 
 def run(out: Path, seed: int, jobs: int, config: Config, problems: int = 600) -> dict[str, Any]:  # noqa: ARG001
-    """Time every solver on the same problems; write ``results.json`` and ``table.md``."""
+    """Time every solver on the same problems; write ``results.json`` and ``table.md``.
+
+    Args:
+        out: folder for the results.
+        seed: random seed.
+        jobs: not used: timings need the machine alone.
+        config: the robots.
+        problems: how many are timed.
+    """
     setting = method_config(config, "paper")
     recorded = record_problems(config, problems, seed)
     rows, plain = [], 0.0

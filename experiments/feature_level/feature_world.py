@@ -44,7 +44,7 @@ class Disturbances:
 
     ``load_gain`` and ``lag_s`` act on the wheels, so encoders see them; pads and ``yaw_bias_rad_s`` act between
     wheels and ground, so they do not. Drifts fade to zero below ``drift_knee_m_s``: nothing moves a robot that
-    stands. The knee is the world's own, observer and controller know of none; at 0 drifts act in full as soon as
+    stands. The knee is the world's own, observer and controller have none; at 0 drifts act in full as soon as
     the wheels turn, which is above ``STANDING_M_S``.
     """
 
@@ -62,7 +62,7 @@ class Disturbances:
 
 
 @dataclass(frozen=True)
-class Measurement:
+class FrameMeasurement:
     """What perception gives of one frame: (n, 2) normalised features, NaN where unseen; θ_L^F of the homography."""
 
     time_ns: int
@@ -134,14 +134,14 @@ class FeatureWorld:
             self._seen = self.pose, pixels, inside_image(self._config, pixels)
         return self._seen
 
-    def measure(self, time_ns: int) -> Measurement:
+    def measure(self, time_ns: int) -> FrameMeasurement:
         """One frame with fresh noise."""
         noise_px, noise_theta = self._noise
         _, true, inside = self._look()
         noisy = true + noise_px * self._random.standard_normal(true.shape)
         noisy[np.logical_not(inside)] = np.nan
         theta = wrap_angle(-self.pose.theta_rad + noise_theta * self._random.standard_normal())
-        return Measurement(time_ns, self._config.camera.pinhole.to_normalised(noisy), theta)
+        return FrameMeasurement(time_ns, self._config.camera.pinhole.to_normalised(noisy), theta)
 
 
 def project(config: Config, pose: Pose2) -> Array:
@@ -164,7 +164,12 @@ def project(config: Config, pose: Pose2) -> Array:
 
 
 def inside_image(config: Config, pixels: Array) -> Array:
-    """(n,) whether pixels lie in the image; NaN do not."""
+    """(n,) whether pixels lie in the image; NaN do not.
+
+    Args:
+        config: with the camera.
+        pixels: (n, 2) [px].
+    """
     size = np.array([config.camera.width_px - 1, config.camera.height_px - 1])
     inside: Array = np.all((pixels >= 0) & (pixels <= size), axis=1)
     return inside

@@ -12,7 +12,7 @@ from common.timing import NS_PER_MS
 from experiments.feature_level.baselines.graceful import FilteredPose, graceful
 from experiments.feature_level.baselines.ibvs import ibvs
 from experiments.feature_level.baselines.ke import KeController, goal_in_follower
-from experiments.feature_level.feature_world import Measurement
+from experiments.feature_level.feature_world import FrameMeasurement
 from experiments.feature_level.scenes import FRAME_RATE_HZ, NOISE_THETA_RAD
 from experiments.feature_level.start_fit import fit_start
 from experiments.feature_level.task import Task
@@ -39,7 +39,7 @@ FRAME_S = 1.0 / FRAME_RATE_HZ
 
 @dataclass
 class Insight:
-    """What a method believes, for the figures."""
+    """What a method estimates, for the figures."""
 
     disturbance: Array = field(default_factory=lambda: np.zeros(4))
     compensation: Twist = (0.0, 0.0)
@@ -52,7 +52,7 @@ class Pilot(Protocol):
 
     insight: Insight
 
-    def see(self, measurement: Measurement, wheels: Twist, applied: Twist) -> None:
+    def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:
         """One frame; ``wheels`` is the twist measured since the last, ``applied`` what was commanded."""
 
     def command(self, wheels: Twist, applied: Twist) -> Twist:
@@ -71,7 +71,7 @@ class DavpcPilot:
         self._replay = PlanReplay()
         controller.reset()
 
-    def see(self, measurement: Measurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
+    def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
         """Predict with the wheels and correct with the frame."""
         task, self._now_ns = self._task, measurement.time_ns
         if not self._started:
@@ -111,8 +111,8 @@ class PaperPilot:
         self._replay = PlanReplay()
         controller.reset()
 
-    def see(self, measurement: Measurement, wheels: Twist, applied: Twist) -> None:
-        """Measured state; a point out of view is carried on by eq. (feature_prediction)."""
+    def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:
+        """Measured state; a point out of view is carried on by eq. (17), the interaction matrix."""
         measured = extended_state(measurement.features, measurement.theta_rad)
         if self._state is None:
             self._state = measured
@@ -157,7 +157,7 @@ class IbvsPilot:
         self.insight = Insight()
         self._task, self._features = task, task.desired
 
-    def see(self, measurement: Measurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
+    def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
         """Keep the frame."""
         self._features = measurement.features
 
@@ -170,7 +170,7 @@ class IbvsPilot:
 
 
 class KePilot:
-    """Ke et al., with the point whose depth is told best."""
+    """Ke et al., with the point whose depth is observed best."""
 
     def __init__(self, task: Task) -> None:
         self.insight = Insight()
@@ -181,7 +181,7 @@ class KePilot:
         self._controller = KeController((limits.v_min_m_s, limits.v_max_m_s), limits.w_max_rad_s)
         self._state: Array | None = None
 
-    def see(self, measurement: Measurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
+    def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
         """State from one point and θ; carried on by the wheels while the point is out of view."""
         feature, height = measurement.features[self._point], float(self._task.heights[self._point])
         if np.isfinite(feature[0]) and feature[1] * height > 0:
@@ -205,7 +205,7 @@ class PoseBasedPilot:
         self._filtered: FilteredPose | None = None
         self._arrived = False
 
-    def see(self, measurement: Measurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
+    def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
         """Odometry always, the detection when all features are seen."""
         task = self._task
         if self._filtered is not None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from common.messages import Mission
-from experiments.feature_level.feature_world import Measurement
+from experiments.feature_level.feature_world import FrameMeasurement
 from experiments.feature_level.pilots import Insight, Pilot, PilotFactory, Twist
-from experiments.feature_level.pixel_world import Seen
+from experiments.feature_level.pixel_world import PerceivedFrame
 from experiments.feature_level.task import Task
 from follower.controller.davpc import DavpcMethod
 from follower.controller.docking import DockingController
@@ -22,11 +22,11 @@ class RuntimePilot:
         controller.reset()
         self._docking = DockingController(task.config, DavpcMethod(task.config, controller))
         self._mission = _uncapped(task)
-        self._seen: Seen | None = None
+        self._seen: PerceivedFrame | None = None
 
-    def see(self, measurement: Measurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
+    def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
         """Keep the newest docking state."""
-        assert isinstance(measurement, Seen)
+        assert isinstance(measurement, PerceivedFrame)
         self._seen = measurement
 
     def command(self, wheels: Twist, applied: Twist) -> Twist:  # noqa: ARG002
@@ -49,7 +49,7 @@ class WaitingPilot:
         self.insight = pilot.insight
         self._started = False
 
-    def see(self, measurement: Measurement, wheels: Twist, applied: Twist) -> None:
+    def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:
         """Hand the frame on, from the first that shows the whole array."""
         self._started = self._started or bool(np.isfinite(measurement.features).all())
         if self._started:

@@ -11,7 +11,7 @@ import numpy as np
 from common.config import Config
 from common.geometry import Array, Pose2, features_at
 from common.timing import NS_PER_S
-from experiments.feature_level.feature_world import Disturbances, FeatureWorld, Measurement, project
+from experiments.feature_level.feature_world import Disturbances, FeatureWorld, FrameMeasurement, project
 from experiments.feature_level.pilots import Pilot
 from experiments.feature_level.scenes import (
     DURATION_S,
@@ -35,9 +35,9 @@ class World(Protocol):
 
     @property
     def wheels(self) -> tuple[float, float]:
-        """Twist that the encoders tell."""
+        """Twist that the encoders measure."""
 
-    def measure(self, time_ns: int) -> Measurement:
+    def measure(self, time_ns: int) -> FrameMeasurement:
         """The frame taken now."""
 
     def advance(self, duration_s: float) -> None:
@@ -54,7 +54,7 @@ METRICS = ("e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px", "m_v", "m_w", "lost", "o
 
 
 @dataclass
-class Trace:
+class FlightTrace:
     """What a run looked like, one row for each control period."""
 
     time_s: list[float] = field(default_factory=list)
@@ -74,7 +74,7 @@ class Outcome:
     """Metrics of one run by name (``settle_s`` NaN: never), and its trace."""
 
     metrics: dict[str, float]
-    trace: Trace
+    trace: FlightTrace
 
 
 def fly(
@@ -85,14 +85,30 @@ def fly(
     disturbances: Disturbances,
     duration_s: float = DURATION_S,
 ) -> Outcome:
-    """Run at feature level for a while."""
+    """Run at feature level for a while.
+
+    Args:
+        task: robots and goal.
+        pilot: a method, fresh.
+        start: pose of {F} in {L}.
+        seed: of the noise.
+        disturbances: of the world.
+        duration_s: of the run.
+    """
     world = FeatureWorld(task.config, start, seed, disturbances, NOISE_PX, NOISE_THETA_RAD)
     return fly_in(world, task, pilot, duration_s)
 
 
 def fly_in(world: World, task: Task, pilot: Pilot, duration_s: float = DURATION_S) -> Outcome:
-    """Run for a while: a frame at 60 Hz, a command from every third."""
-    trace, applied, lost = Trace(), (0.0, 0.0), False
+    """Run for a while: a frame at 60 Hz, a command from every third.
+
+    Args:
+        task: robots and goal.
+        world: at its start.
+        pilot: a method, fresh.
+        duration_s: of the run.
+    """
+    trace, applied, lost = FlightTrace(), (0.0, 0.0), False
     settled_since = math.nan
     for frame in range(round(duration_s * FRAME_RATE_HZ)):
         time_s = frame / FRAME_RATE_HZ
@@ -108,7 +124,7 @@ def fly_in(world: World, task: Task, pilot: Pilot, duration_s: float = DURATION_
     return Outcome(_metrics(task, world, trace, lost, settled_since), trace)
 
 
-def _note(trace: Trace, time_s: float, world: World, pilot: Pilot, applied: tuple[float, float]) -> None:
+def _note(trace: FlightTrace, time_s: float, world: World, pilot: Pilot, applied: tuple[float, float]) -> None:
     trace.time_s.append(time_s)
     trace.pose.append((world.pose.x_m, world.pose.y_m, world.pose.theta_rad))
     trace.command.append(applied)
@@ -130,7 +146,7 @@ def _settled(task: Task, world: World) -> bool:
     return bool(np.abs(error).max() <= docking.feature_tolerance)
 
 
-def _metrics(task: Task, world: World, trace: Trace, lost: bool, settled_since: float) -> dict[str, float]:
+def _metrics(task: Task, world: World, trace: FlightTrace, lost: bool, settled_since: float) -> dict[str, float]:
     """At the end of the run: the paper's six columns and this project's."""
     goal = task.goal.inverse()
     e_x, e_y = abs(world.pose.x_m - goal.x_m), abs(world.pose.y_m - goal.y_m)
