@@ -43,7 +43,9 @@ def bound(task: Task, trace: FlightTrace) -> dict[str, float]:
         ]
     )
     sigma = np.sqrt(np.diag(to_leader @ covariance @ to_leader.T))
-    pixels = feature_jacobian(task.points_l, task.goal, task.camera) * task.config.camera.lens.fx_px
+    pixels = (
+        feature_jacobian(task.points_l, task.goal_leader_in_follower, task.camera) * task.config.camera.lens.fx_px
+    )
     e_p = math.sqrt(np.trace(pixels @ covariance @ pixels.T) / len(task.points_l))
     return {
         "e_x_cm": 100 * MEAN_ABSOLUTE * float(sigma[0]),

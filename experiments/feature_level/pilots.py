@@ -177,7 +177,7 @@ class KePilot:
         limits = task.config.limits
         self._task = task
         self._point = int(np.argmax(np.abs(task.heights)))
-        self._goal_to_point = task.goal.as_array()[:2] + task.points_l[self._point, :2]
+        self._goal_to_point = task.goal_leader_in_follower.as_array()[:2] + task.points_l[self._point, :2]
         self._controller = KeController((limits.v_min_m_s, limits.v_max_m_s), limits.w_max_rad_s)
         self._state: Array | None = None
 
@@ -224,7 +224,7 @@ class PoseBasedPilot:
         task = self._task
         if self._filtered is None or self._arrived:
             return limited((0.0, 0.0), applied, task.caps, task.config.limits)
-        goal = self._filtered.pose.compose(task.goal.inverse())
+        goal = self._filtered.pose.compose(task.goal_leader_in_follower.inverse())
         wanted = graceful(goal, task.config.limits.w_max_rad_s)
         self._arrived = wanted == (0.0, 0.0)
         return limited(wanted, applied, task.caps, task.config.limits)

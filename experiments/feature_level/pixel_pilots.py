@@ -82,7 +82,7 @@ def _uncapped(task: Task) -> Mission:
         straight_speed_m_s=0.0,
         v_max_m_s=limits.v_max_m_s,
         w_max_rad_s=limits.w_max_rad_s,
-        goal_theta_rad=task.goal.theta_rad,
+        goal_theta_rad=task.goal_leader_in_follower.theta_rad,
         desired_features=tuple((float(a), float(b)) for a, b in task.desired),
         grip="closed",
         contact_expected=False,

@@ -58,9 +58,9 @@ class PixelWorld:
         self._waiting: list[tuple[int, tuple[float, float]]] = []
 
     @property
-    def pose(self) -> Pose2:
+    def follower_in_leader(self) -> Pose2:
         """{F} in {L}."""
-        return self._base.pose
+        return self._base.follower_in_leader
 
     @property
     def wheels(self) -> tuple[float, float]:
@@ -109,7 +109,7 @@ class PixelWorld:
         self._time_ns = time_ns
         camera = self._config.camera
         v, w = self._base.wheels
-        opened = move_relative(self._base.pose.inverse(), v, w, -0.5e-6 * camera.exposure_us)
+        opened = move_relative(self._base.follower_in_leader.inverse(), v, w, -0.5e-6 * camera.exposure_us)
         tilt = self._suspension.pitch_rad, self._suspension.roll_rad
         view = View(self._frames, opened, self._currents, *tilt, v, w, time_ns, self._scene)
         self._optics.render(self._image, view)

@@ -16,7 +16,7 @@ class Task:
     """The robots and the goal."""
 
     config: Config
-    goal: Pose2
+    goal_leader_in_follower: Pose2
 
     @property
     def points_l(self) -> Array:
@@ -37,7 +37,7 @@ class Task:
     @cached_property
     def desired(self) -> Array:
         """s*, (n, 2)."""
-        return self.seen_from(self.goal)
+        return self.seen_from(self.goal_leader_in_follower)
 
     def seen_from(self, relative: Pose2) -> Array:
         """Features (n, 2) from a pose of {L} in {F}."""
@@ -46,7 +46,7 @@ class Task:
     @property
     def servo_goal(self) -> Goal:
         """s* and θ*."""
-        return Goal(self.desired, self.goal.theta_rad)
+        return Goal(self.desired, self.goal_leader_in_follower.theta_rad)
 
     @property
     def sigma(self) -> float:

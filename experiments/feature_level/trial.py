@@ -30,7 +30,7 @@ class World(Protocol):
     command: tuple[float, float]
 
     @property
-    def pose(self) -> Pose2:
+    def follower_in_leader(self) -> Pose2:
         """{F} in {L}."""
 
     @property
@@ -126,7 +126,9 @@ def fly_in(world: World, task: Task, pilot: Pilot, duration_s: float = DURATION_
 
 def _note(trace: FlightTrace, time_s: float, world: World, pilot: Pilot, applied: tuple[float, float]) -> None:
     trace.time_s.append(time_s)
-    trace.pose.append((world.pose.x_m, world.pose.y_m, world.pose.theta_rad))
+    trace.pose.append(
+        (world.follower_in_leader.x_m, world.follower_in_leader.y_m, world.follower_in_leader.theta_rad)
+    )
     trace.command.append(applied)
     trace.features.append(world.true_pixels())
     trace.disturbance.append(pilot.insight.disturbance)
@@ -136,8 +138,8 @@ def _note(trace: FlightTrace, time_s: float, world: World, pilot: Pilot, applied
 def _settled(task: Task, world: World) -> bool:
     """The supervisor's arrival test, on the truth."""
     docking = task.config.docking
-    relative = world.pose.inverse()
-    if abs(relative.theta_rad - task.goal.theta_rad) > math.radians(docking.heading_tolerance_deg):
+    relative = world.follower_in_leader.inverse()
+    if abs(relative.theta_rad - task.goal_leader_in_follower.theta_rad) > math.radians(docking.heading_tolerance_deg):
         return False
     try:
         error = features_at(task.points_l, relative, task.camera) - task.desired
@@ -148,15 +150,15 @@ def _settled(task: Task, world: World) -> bool:
 
 def _metrics(task: Task, world: World, trace: FlightTrace, lost: bool, settled_since: float) -> dict[str, float]:
     """At the end of the run: the paper's six columns and this project's."""
-    goal = task.goal.inverse()
-    e_x, e_y = abs(world.pose.x_m - goal.x_m), abs(world.pose.y_m - goal.y_m)
+    goal = task.goal_leader_in_follower.inverse()
+    e_x, e_y = abs(world.follower_in_leader.x_m - goal.x_m), abs(world.follower_in_leader.y_m - goal.y_m)
     error_px = world.true_pixels() - project(task.config, goal)
     change = np.diff(np.array([(0.0, 0.0), *trace.command]), axis=0)
     m_v, m_w = np.sqrt(np.mean(change**2, axis=0))
     return {
         "e_x_cm": 100 * e_x,
         "e_y_cm": 100 * e_y,
-        "e_theta_deg": math.degrees(abs(world.pose.theta_rad - goal.theta_rad)),
+        "e_theta_deg": math.degrees(abs(world.follower_in_leader.theta_rad - goal.theta_rad)),
         "e_p_px": float(np.sqrt(np.mean(np.sum(error_px**2, axis=1)))),
         "m_v": float(m_v),
         "m_w": float(m_w),
