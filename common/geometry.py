@@ -53,7 +53,7 @@ def pose_from_paper_start(x_m: float, y_m: float, theta_rad: float) -> Pose2:
 
 
 def points_in_camera(points_l: Array, relative: Pose2, camera_xyz_m: Array) -> Array:
-    """Points of {L} in {C}: eq. (featurepoint).
+    """Points of {L} in {C}: eq. (4), the rigid transform.
 
     Args:
         points_l: (n, 3) coordinates in {L} [m].
@@ -73,7 +73,10 @@ def points_in_camera(points_l: Array, relative: Pose2, camera_xyz_m: Array) -> A
 
 
 def normalise(points_c: Array) -> Array:
-    """Normalised image coordinates ``s = [α, β]``, (n, 2), of points in {C}: eq. (depthscale).
+    """Normalised image coordinates ``s = [α, β]``, (n, 2): eq. (7), division by depth.
+
+    Args:
+        points_c: (n, 3) in {C} [m].
 
     Raises:
         ValueError: a point lies on or behind the image plane.
@@ -85,26 +88,18 @@ def normalise(points_c: Array) -> Array:
 
 
 def features_at(points_l: Array, relative: Pose2, camera_xyz_m: Array) -> Array:
-    """Normalised features (n, 2) of the array ``points_l`` seen from the relative pose."""
+    """Normalised features (n, 2) of an array seen from a pose.
+
+    Args:
+        points_l: (n, 3) in {L} [m].
+        relative: pose of {L} in {F}.
+        camera_xyz_m: ξ in {F} [m].
+    """
     return normalise(points_in_camera(points_l, relative, camera_xyz_m))
 
 
-def feature_jacobian(points_l: Array, relative: Pose2, camera_xyz_m: Array) -> Array:
-    """∂s/∂(x_L^F, y_L^F, θ_L^F) of all features, (2n, 3): eqs. (featurepoint), (depthscale) differentiated."""
-    c, s = math.cos(relative.theta_rad), math.sin(relative.theta_rad)
-    across, _, depth = points_in_camera(points_l, relative, camera_xyz_m).T
-    alpha, beta = across / depth, (camera_xyz_m[2] - points_l[:, 2]) / depth
-    across_by_theta = points_l[:, 1] * s - points_l[:, 0] * c
-    depth_by_theta = -points_l[:, 0] * s - points_l[:, 1] * c
-    rows = np.zeros((len(points_l), 2, 3))
-    rows[:, 0, 0], rows[:, 0, 1], rows[:, 0, 2] = -alpha, -1.0, across_by_theta - alpha * depth_by_theta
-    rows[:, 1, 0], rows[:, 1, 2] = -beta, -beta * depth_by_theta
-    jacobian: Array = (rows / depth[:, None, None]).reshape(-1, 3)
-    return jacobian
-
-
 def interaction_matrix(features: Array, height_difference_m: Array, camera_xyz_m: Array) -> Array:
-    """Interaction matrix J_s of n points, (n, 2, 2), in ds/dt = J_s u_F: eq. (interaction_matrix).
+    """Interaction matrix J_s of n points, (n, 2, 2), in ds/dt = J_s u_F: eq. (10).
 
     Args:
         features: (n, 2) normalised coordinates ``[α, β]``.
@@ -123,13 +118,26 @@ def interaction_matrix(features: Array, height_difference_m: Array, camera_xyz_m
 
 
 def extended_interaction_matrix(features: Array, height_difference_m: Array, camera_xyz_m: Array) -> Array:
-    """Extended image Jacobian J_x, (2n+1, 2), of the state ``[s_0 … s_{n−1}, θ_L^F]``; J_θ = [0, −1]."""
+    """Extended image Jacobian J_x, eq. (13), (2n+1, 2), of the state ``[s_0 … s_{n−1}, θ_L^F]``; J_θ = [0, −1].
+
+    Args:
+        features: (n, 2) normalised.
+        height_difference_m: (n,) Δh = Z_C − Z_P per point.
+        camera_xyz_m: ξ in {F} [m].
+    """
     stacked = interaction_matrix(features, height_difference_m, camera_xyz_m).reshape(-1, 2)
     return np.vstack([stacked, [0.0, -1.0]])
 
 
 def move_relative(relative: Pose2, v_m_s: float, w_rad_s: float, duration_s: float) -> Pose2:
-    """Pose of {L} in {F} after the Follower drove a constant twist: the exact solution of eq. (relative)."""
+    """Pose of {L} in {F} after the Follower drove a constant twist: eq. (2), the relative motion, solved exactly.
+
+    Args:
+        relative: pose of {L} in {F} before.
+        v_m_s: speed.
+        w_rad_s: turn rate.
+        duration_s: for how long; negative goes back.
+    """
     turn = w_rad_s * duration_s
     # chord of the arc driven in the old {F}, finite for w → 0
     half = turn / 2
@@ -141,7 +149,10 @@ def move_relative(relative: Pose2, v_m_s: float, w_rad_s: float, duration_s: flo
 def mirror_deviation_m(points_l: Array) -> float:
     """How far an array differs from its own left-right mirror image, laid over it as well as a turn below 90° can.
 
-    A pane of glass beside the approach shows the mirror image; an array that equals it cannot be told from it.
+    A pane of glass beside the approach shows the mirror image; one that equals it cannot be distinguished from it.
+
+    Args:
+        points_l: (n, 3) in {L} [m].
 
     Returns:
         The largest distance of a mirrored LED from its nearest LED [m], for the best placement.
@@ -166,7 +177,7 @@ def mirror_deviation_m(points_l: Array) -> float:
 
 @dataclass(frozen=True)
 class Pinhole:
-    """Pinhole intrinsics K: focal lengths and principal point [px], image size [px]: eq. (pinhole_projection)."""
+    """Pinhole intrinsics K: focal lengths and principal point [px], image size [px]: eq. (6)."""
 
     fx_px: float
     fy_px: float
@@ -180,10 +191,18 @@ class Pinhole:
         return np.array([[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]])
 
     def to_pixels(self, normalised: Array) -> Array:
-        """{I} → {Π}, (n, 2); the centre of the first pixel is (0, 0)."""
+        """{I} → {Π}, (n, 2) [px]; the centre of the first pixel is (0, 0).
+
+        Args:
+            normalised: (n, 2).
+        """
         return normalised * [self.fx_px, self.fy_px] + [self.cx_px, self.cy_px]
 
     def to_normalised(self, pixels: Array) -> Array:
-        """{Π} → {I}, (n, 2)."""
+        """{Π} → {I}, (n, 2).
+
+        Args:
+            pixels: (n, 2) [px].
+        """
         normalised: Array = (pixels - [self.cx_px, self.cy_px]) / [self.fx_px, self.fy_px]
         return normalised

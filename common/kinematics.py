@@ -1,11 +1,8 @@
-"""Differential drive: wheel speeds ↔ twist of {F}, wheel angles → the way that {F} went."""
+"""Differential drive: wheel speeds ↔ twist of {F}, wheel angles → the path of {F}."""
 
 from __future__ import annotations
 
-import math
-
 from common.config import BaseConfig
-from common.geometry import Pose2, wrap_angle
 
 
 def twist_from_wheels(base: BaseConfig, wheel_speed_rad_s: tuple[float, float]) -> tuple[float, float]:
@@ -21,13 +18,6 @@ def wheels_from_twist(base: BaseConfig, v_m_s: float, w_rad_s: float) -> tuple[f
 
 
 def path_from_wheels(base: BaseConfig, turned_rad: tuple[float, float]) -> tuple[float, float]:
-    """(way of {F} along its arc [m], turn [rad]) from the angles that the (left, right) wheel turned."""
+    """(distance of {F} along its arc [m], turn [rad]) from the angles that the (left, right) wheel turned."""
     left, right = (angle * base.wheel_radius_m for angle in turned_rad)
     return (left + right) / 2, (right - left) / base.track_m
-
-
-def arc(distance_m: float, turn_rad: float) -> Pose2:
-    """The new {F} in the old one after an arc of this length: the chord points half-way round the turn."""
-    half = turn_rad / 2
-    chord = distance_m * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
-    return Pose2(chord * math.cos(half), chord * math.sin(half), wrap_angle(turn_rad))

@@ -53,8 +53,7 @@ class CompensationConfig(Section):
 class ControllerConfig(Section):
     """The predictive controller: the paper's optimal control problem, eq. (28), and the real-time one."""
 
-    method: Literal["paper", "davpc"]
-    solver: str
+    method: Literal["davpc", "paper_fatrop", "paper_ipopt"]
     horizon: Annotated[int, Field(ge=5, le=100)]
     period_ms: Positive
     terminal_weight: NonNegative

@@ -13,6 +13,7 @@ from common.config.robots import Config
 from common.errors import ConfigError
 
 M = TypeVar("M", bound=BaseModel)
+_REMOVED = {"controller.solver": ": controller.method chooses it: davpc, paper_fatrop or paper_ipopt"}
 
 
 def load_config(path: Path, overrides: Sequence[str] = ()) -> Config:
@@ -50,7 +51,7 @@ def validate(model: type[M], table: Mapping[str, Any], origin: str) -> M:
         key = ".".join(str(part) for part in first["loc"]) or "(whole file)"
         what = first["msg"].removeprefix("Value error, ")
         if first["type"] == "extra_forbidden":
-            what = "unknown key"
+            what = "unknown key" + _REMOVED.get(key, "")
         elif first["type"] != "missing" and not isinstance(first["input"], dict | tuple | BaseModel):
             what = f"{what}, got {first['input']!r}"
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""

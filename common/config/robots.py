@@ -52,8 +52,6 @@ class Config(Section):
             raise ValueError("leds.current_a ≤ leader.led_rated_current_a ≤ leader.led_max_current_a does not hold")
         if phases.push_limit_m <= self.docking.push_stroke_m:
             raise ValueError("supervisor.push_limit_m must be more than docking.push_stroke_m")
-        if self.controller.method == "paper" and self.controller.solver == "gauss_newton":
-            raise ValueError('controller.method "paper" predicts features: its solver is "fatrop" or "ipopt"')
         # the controller steps on every third state
         if abs(self.controller.period_ms * self.camera.rate_hz / 3000.0 - 1.0) > 0.02:
             raise ValueError("controller.period_ms must be three frame periods, 3000 / camera.rate_hz")

@@ -6,14 +6,13 @@ import math
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from common.config import Config
-from common.geometry import Array, Pose2
 from experiments.bench.plain_ipopt import PlainIpopt
-from experiments.feature_level.pilots import PilotFactory, Task
+from experiments.feature_level.pilots import DavpcPilot
 from experiments.feature_level.scenes import (
     DISTURBANCES,
     FRAME_RATE_HZ,
@@ -23,13 +22,23 @@ from experiments.feature_level.scenes import (
     paper_start,
 )
 from experiments.feature_level.sweep_settings import with_horizon, with_points
+from experiments.feature_level.task import Task
 from experiments.feature_level.trial import fly, goal_task
 from experiments.shared.results import row, write_results
 from follower.controller import realtime
-from follower.controller.interface import Plan, PredictiveController, SpeedCaps, make_controller
-from follower.model.motion import NO_DISTURBANCE, MotionDisturbance
+from follower.controller.interface import (
+    FeatureController,
+    FeatureState,
+    Goal,
+    MotionState,
+    Plan,
+    PoseController,
+    SpeedCaps,
+    Velocity,
+)
+from follower.paper import nmpc
 
-SOLVERS = ("plain_ipopt", "ipopt", "fatrop", "gauss_newton")
+SOLVERS = ("plain_ipopt", "paper_ipopt", "paper_fatrop", "davpc")
 HORIZONS = (10, 20, 30, 40, 60)
 POINTS = (4, 6, 8, 12)
 SEGMENTS = 5  # of each run, evenly spaced, the last one up to the arrival
@@ -39,30 +48,67 @@ CONVERGED_STEPS = 100
 
 @dataclass(frozen=True)
 class Problem:
-    """The arguments of one solve in closed loop.
+    """The arguments of one solve in closed loop, for either kind of controller.
 
     ``first`` begins without a warm start. ``timed`` is false where the run itself had one: there the solve only
     leads in.
     """
 
     first: bool
-    pose: Pose2
-    features: Array
-    theta_rad: float
-    desired_features: Array
-    desired_theta_rad: float
-    last_applied: tuple[float, float]
+    motion: MotionState
+    seen: FeatureState
+    goal: Goal
+    last_applied: Velocity
     caps: SpeedCaps
-    disturbance: MotionDisturbance
-    wheels: tuple[float, float] | None
     timed: bool = True
 
-    def solve(self, controller: PredictiveController) -> Plan:
-        """Hand it to a controller."""
-        return controller.solve(
-            self.pose, self.features, self.theta_rad, self.desired_features, self.desired_theta_rad,
-            self.last_applied, self.caps, self.disturbance, self.wheels,
-        )  # fmt: skip
+
+class Solver(Protocol):
+    """A controller under test, whatever it plans from."""
+
+    def warm_up(self) -> None: ...
+
+    def reset(self) -> None: ...
+
+    def solve(self, problem: Problem) -> Plan: ...
+
+
+class _ByPose:
+    """The default controller."""
+
+    def __init__(self, inner: PoseController) -> None:
+        self._inner = inner
+        self.warm_up, self.reset = inner.warm_up, inner.reset
+
+    def solve(self, problem: Problem) -> Plan:
+        return self._inner.solve(problem.motion, problem.goal, problem.last_applied, problem.caps)
+
+
+class _ByFeatures:
+    """The paper's controller."""
+
+    def __init__(self, inner: FeatureController) -> None:
+        self._inner = inner
+        self.warm_up, self.reset = inner.warm_up, inner.reset
+
+    def solve(self, problem: Problem) -> Plan:
+        return self._inner.solve(problem.seen, problem.goal, problem.last_applied, problem.caps)
+
+
+class _Plain:
+    """The yardstick: each solve begins cold."""
+
+    def __init__(self, inner: PlainIpopt) -> None:
+        self._inner = inner
+
+    def warm_up(self) -> None:
+        """Nothing."""
+
+    def reset(self) -> None:
+        """Nothing."""
+
+    def solve(self, problem: Problem) -> Plan:
+        return self._inner.solve(problem.seen, problem.goal, problem.caps)
 
 
 @dataclass(frozen=True)
@@ -79,7 +125,7 @@ class Timing:
 class _Recorder:
     """Passes problems on to a controller and keeps them, with the features that the pose implies."""
 
-    def __init__(self, inner: PredictiveController, task: Task) -> None:
+    def __init__(self, inner: PoseController, task: Task) -> None:
         self._inner, self._task = inner, task
         self.problems: list[Problem] = []
         self._first = True
@@ -91,26 +137,12 @@ class _Recorder:
         self._inner.reset()
         self._first = True
 
-    def solve(
-        self,
-        pose: Pose2,
-        features: Array,  # noqa: ARG002 - replaced by what the pose implies
-        theta_rad: float,
-        desired_features: Array,
-        desired_theta_rad: float,
-        last_applied: tuple[float, float],
-        caps: SpeedCaps,
-        disturbance: MotionDisturbance = NO_DISTURBANCE,
-        wheels: tuple[float, float] | None = None,
-    ) -> Plan:
-        seen = self._task.seen_from(pose)
-        problem = Problem(
-            self._first, pose, seen, theta_rad, desired_features, desired_theta_rad, last_applied, caps, disturbance,
-            wheels,
-        )  # fmt: skip
-        self.problems.append(problem)
+    def solve(self, state: MotionState, goal: Goal, last_applied: Velocity, caps: SpeedCaps) -> Plan:
+        pose = state.leader_in_follower
+        seen = FeatureState(self._task.seen_from(pose), pose.theta_rad)
+        self.problems.append(Problem(self._first, state, seen, goal, last_applied, caps))
         self._first = False
-        return problem.solve(self._inner)
+        return self._inner.solve(state, goal, last_applied, caps)
 
 
 def record_problems(config: Config, count: int, seed: int) -> list[Problem]:
@@ -120,13 +152,13 @@ def record_problems(config: Config, count: int, seed: int) -> list[Problem]:
     it, and a lead-in before each segment that does not begin the run.
     """
     task = goal_task(method_config(config, "davpc"))
-    factory = PilotFactory("davpc", task)
-    recorder = _Recorder(make_controller(task.config), task)
+    recorder = _Recorder(realtime.make(task.config), task)
+    recorder.warm_up()
     each = -(-count // len(PAPER_STARTS))
     kept: list[Problem] = []
     for i, start in enumerate(PAPER_STARTS):
         recorder.problems.clear()
-        flown = fly(task, factory.make_with(recorder), paper_start(start), [seed, i], DISTURBANCES["none"])
+        flown = fly(task, DavpcPilot(task, recorder), paper_start(start), [seed, i], DISTURBANCES["none"])
         settled_s = flown.metrics["settle_s"]
         last = -1 if math.isnan(settled_s) else round(settled_s * FRAME_RATE_HZ / FRAMES_PER_COMMAND)
         kept.extend(segments(recorder.problems[: last + 1 or None], min(each, count - i * each)))
@@ -155,7 +187,7 @@ def time_solver(config: Config, solver: str, problems: list[Problem]) -> Timing:
         if problem.first:
             controller.reset()
         begin = time.perf_counter()
-        plan = problem.solve(controller)
+        plan = controller.solve(problem)
         if not problem.timed:
             continue
         durations.append(1e3 * (time.perf_counter() - begin))
@@ -168,19 +200,24 @@ def time_solver(config: Config, solver: str, problems: list[Problem]) -> Timing:
 def worst_difference(config: Config, solver: str, problems: list[Problem], every: int) -> tuple[float, float, int]:
     """Worst |Δv|, |Δω| of the first input to the converged solution of the same formulation; how many miss it.
 
-    The solver runs through all problems, warm-started; every so many are solved anew to convergence.
+    Args:
+        config: the robots.
+        solver: one of ``SOLVERS``; it runs through all problems, warm-started.
+        problems: in order.
+        every: so many are solved again to convergence.
     """
     quick = _make(config, solver)
-    converged = realtime.make(config, CONVERGED_STEPS) if solver == "gauss_newton" else _make(config, "ipopt")
+    own = solver == "davpc"
+    converged = _ByPose(realtime.make(config, CONVERGED_STEPS)) if own else _make(config, "paper_ipopt")
     worst, beyond = np.zeros(2), 0
     for i, problem in enumerate(problems):
         if problem.first:
             quick.reset()
-        plan = problem.solve(quick)
+        plan = quick.solve(problem)
         if i % every:
             continue
         converged.reset()
-        reference = problem.solve(converged)
+        reference = converged.solve(problem)
         if plan.usable and reference.usable:
             difference = np.abs(np.subtract(plan.first, reference.first))
             worst = np.maximum(worst, difference)
@@ -189,7 +226,15 @@ def worst_difference(config: Config, solver: str, problems: list[Problem], every
 
 
 def run(out: Path, seed: int, jobs: int, config: Config, problems: int = 600) -> dict[str, Any]:  # noqa: ARG001
-    """Time every solver on the same problems; write ``results.json`` and ``table.md``."""
+    """Time every solver on the same problems; write ``results.json`` and ``table.md``.
+
+    Args:
+        out: folder for the results.
+        seed: random seed.
+        jobs: not used: timings need the machine alone.
+        config: the robots.
+        problems: how many are timed.
+    """
     setting = method_config(config, "paper")
     recorded = record_problems(config, problems, seed)
     rows, plain = [], 0.0
@@ -220,18 +265,18 @@ def _scaling(config: Config, seed: int) -> list[dict[str, Any]]:
         *((f"points_{n}", with_points(config, n)) for n in POINTS),
     ]:
         recorded = record_problems(setting, 40, seed)
-        for solver in ("fatrop", "gauss_newton"):
+        for solver in ("paper_fatrop", "davpc"):
             timing = time_solver(method_config(setting, "paper"), solver, recorded)
             rows.append(row(solver, case, len(recorded), {"median_ms": timing.median_ms, "p99_ms": timing.p99_ms}))
     return rows
 
 
-def _make(config: Config, solver: str) -> PredictiveController:
+def _make(config: Config, solver: str) -> Solver:
     if solver == "plain_ipopt":
-        return PlainIpopt(config)
-    return make_controller(
-        config.model_copy(update={"controller": config.controller.model_copy(update={"solver": solver})})
-    )
+        return _Plain(PlainIpopt(config))
+    if solver == "davpc":
+        return _ByPose(realtime.make(config))
+    return _ByFeatures(nmpc.make(config, "ipopt" if solver == "paper_ipopt" else "fatrop"))
 
 
 def _kept(config: Config, problem: Problem, plan: Plan, check_first: bool) -> bool:

@@ -167,11 +167,10 @@ def _pose_works(config: Config) -> list[tuple[str, int, Work]]:
 
 
 def _pipeline_work(config: Config, lamps: int) -> tuple[str, int, Work]:
-    """The whole of it over a short approach, rendered beforehand: lock, then tracked frames with both routes."""
+    """The whole of it over a short approach, rendered beforehand: lock, then tracked frames."""
     scene = _lamps(lamps)
     optics = Optics(config.camera, config.leds, seed=2)
     perception, twist = Perception(config), (0.3, 0.05)
-    desired = features_at(config.leds.points, config.docking.goal(1), config.camera.mount)
     frames: list[Image] = []
     pose = POSE
     for sequence in range(24):
@@ -186,7 +185,7 @@ def _pipeline_work(config: Config, lamps: int) -> tuple[str, int, Work]:
         forward = (shown - 1) % len(there_and_back) < len(frames) - 1
         driven = twist if forward else (-twist[0], -twist[1])
         image = there_and_back[shown % len(there_and_back)]
-        return perception.process(image, shown, shown * PERIOD_NS, driven, desired)
+        return perception.process(image, shown, shown * PERIOD_NS, driven)
 
     for _ in range(8):
         step()

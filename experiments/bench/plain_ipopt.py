@@ -1,6 +1,6 @@
 """The paper's problem as a CasADi user would first write it: MX, multiple shooting, IPOPT, a cold start each time.
 
-The yardstick of ``davpc bench control``: hard visibility constraints, u_0 free, as eq. (nmpc_problem) has it.
+The yardstick of ``davpc bench control``: hard visibility constraints, u_0 free, as in eq. (28).
 """
 
 from __future__ import annotations
@@ -11,11 +11,10 @@ import casadi as ca
 import numpy as np
 
 from common.config import Config
-from common.geometry import Array, Pose2
-from follower.controller.interface import Plan, PlanStatus, SpeedCaps, failed_plan
-from follower.model.motion import NO_DISTURBANCE, MotionDisturbance
+from common.geometry import Array
+from follower.controller.interface import FeatureState, Goal, Plan, PlanStatus, SpeedCaps, failed_plan
+from follower.controller.limits import visibility_bounds
 from follower.paper.model import extended_state
-from follower.paper.nmpc import visibility_bounds
 
 
 class PlainIpopt:
@@ -26,29 +25,12 @@ class PlainIpopt:
         self._size = 2 * len(config.leds.points) + 1
         self._build()
 
-    def warm_up(self) -> None:
-        """Nothing: each solve starts cold."""
-
-    def reset(self) -> None:
-        """Nothing to forget."""
-
-    def solve(
-        self,
-        pose: Pose2,  # noqa: ARG002 - the paper's state is features and θ
-        features: Array,
-        theta_rad: float,
-        desired_features: Array,
-        desired_theta_rad: float,
-        last_applied: tuple[float, float],  # noqa: ARG002 - the paper leaves u_0 free
-        caps: SpeedCaps,
-        disturbance: MotionDisturbance = NO_DISTURBANCE,  # noqa: ARG002
-        wheels: tuple[float, float] | None = None,  # noqa: ARG002
-    ) -> Plan:
-        """Solve from the state; see :class:`PredictiveController`."""
-        start = extended_state(features, theta_rad)
+    def solve(self, state: FeatureState, goal: Goal, caps: SpeedCaps) -> Plan:
+        """Solve from the state; see :class:`PredictiveController`. The paper leaves u_0 free."""
+        start = extended_state(state.features, state.theta_rad)
         opti = self._opti
         opti.set_value(self._start, start)
-        opti.set_value(self._desired, extended_state(desired_features, desired_theta_rad))
+        opti.set_value(self._desired, goal.outputs())
         opti.set_value(self._bounds, [caps.v_min_m_s, caps.v_max_m_s, caps.w_max_rad_s])
         opti.set_initial(self._x, np.tile(start[:, None], (1, self._config.controller.horizon + 1)))
         opti.set_initial(self._u, 0.0)
@@ -88,7 +70,7 @@ class PlainIpopt:
 
 
 def _rate(x: ca.MX, u: ca.MX, heights: Array, camera: Array) -> ca.MX:
-    """J_x u: eq. (interaction_matrix)."""
+    """J_x u: eq. (10), the interaction matrix."""
     rows = []
     for i, height in enumerate(heights):
         alpha, beta = x[2 * i], x[2 * i + 1]

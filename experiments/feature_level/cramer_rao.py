@@ -6,15 +6,16 @@ import math
 
 import numpy as np
 
-from common.geometry import Array, Pose2, feature_jacobian, move_relative
-from experiments.feature_level.pilots import Task
+from common.geometry import Array, Pose2, move_relative
 from experiments.feature_level.scenes import FRAME_RATE_HZ, FRAMES_PER_COMMAND, NOISE_THETA_RAD
-from experiments.feature_level.trial import Trace
+from experiments.feature_level.task import Task
+from experiments.feature_level.trial import FlightTrace
+from follower.model.array import feature_jacobian
 
 MEAN_ABSOLUTE = math.sqrt(2 / math.pi)  # of a Gaussian, in standard deviations
 
 
-def bound(task: Task, trace: Trace) -> dict[str, float]:
+def bound(task: Task, trace: FlightTrace) -> dict[str, float]:
     """Mean errors |e| at the end of a run by an estimator that knows every input exactly and starts from nothing.
 
     Information adds up over all frames in which features are in view and is carried along the true path.
@@ -42,7 +43,9 @@ def bound(task: Task, trace: Trace) -> dict[str, float]:
         ]
     )
     sigma = np.sqrt(np.diag(to_leader @ covariance @ to_leader.T))
-    pixels = feature_jacobian(task.points_l, task.goal, task.camera) * task.config.camera.lens.fx_px
+    pixels = (
+        feature_jacobian(task.points_l, task.goal_leader_in_follower, task.camera) * task.config.camera.lens.fx_px
+    )
     e_p = math.sqrt(np.trace(pixels @ covariance @ pixels.T) / len(task.points_l))
     return {
         "e_x_cm": 100 * MEAN_ABSOLUTE * float(sigma[0]),
@@ -53,7 +56,7 @@ def bound(task: Task, trace: Trace) -> dict[str, float]:
 
 
 def _backward(turn_rad: float) -> Array:
-    """∂(pose before)/∂(pose after) of one step of eq. (2), the relative motion; the way driven does not enter."""
+    """∂(pose before)/∂(pose after) of one step of eq. (2), the relative motion; the distance does not enter."""
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 

@@ -37,8 +37,15 @@ def run(
 ) -> dict[str, Any]:
     """Fly from the paper's start under each disturbance; write the results and the paper's figure.
 
-    ``vpc`` is the paper's control without observer and compensation, ``paper`` with both. With ``pixels`` every
-    frame is rendered and goes through the whole perception, with the array as configured.
+    Args:
+        out: folder for the results.
+        seed: random seed.
+        jobs: processes.
+        config: the robots.
+        trials: runs of each method under each disturbance.
+        methods: ``vpc`` is the paper's control without observer and compensation, ``paper`` with both.
+        cases: names from ``DISTURBANCES``.
+        pixels: render every frame and put it through the whole perception, with the array as configured.
     """
     level: Level = "pixels" if pixels else "features"
     start = paper_start(DISTURBED_START)

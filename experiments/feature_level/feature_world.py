@@ -44,7 +44,7 @@ class Disturbances:
 
     ``load_gain`` and ``lag_s`` act on the wheels, so encoders see them; pads and ``yaw_bias_rad_s`` act between
     wheels and ground, so they do not. Drifts fade to zero below ``drift_knee_m_s``: nothing moves a robot that
-    stands. The knee is the world's own, observer and controller know of none; at 0 drifts act in full as soon as
+    stands. The knee is the world's own, observer and controller have none; at 0 drifts act in full as soon as
     the wheels turn, which is above ``STANDING_M_S``.
     """
 
@@ -62,7 +62,7 @@ class Disturbances:
 
 
 @dataclass(frozen=True)
-class Measurement:
+class FrameMeasurement:
     """What perception gives of one frame: (n, 2) normalised features, NaN where unseen; θ_L^F of the homography."""
 
     time_ns: int
@@ -86,7 +86,7 @@ class FeatureWorld:
         self._disturbances = disturbances
         self._noise = (noise_px, noise_theta_rad)
         self._random = np.random.default_rng(seed)
-        self.pose = start  # {F} in {L}
+        self.follower_in_leader = start
         self.command = (0.0, 0.0)
         self.wheels = (0.0, 0.0)
         self._seen: tuple[Pose2, Array, Array] | None = None
@@ -107,16 +107,16 @@ class FeatureWorld:
         moving = world.moving(v)
         forward, sideways, turn = v, 0.0, w + world.yaw_bias_rad_s * moving
         for pads in world.pads:
-            if pads.from_m <= -self.pose.x_m <= pads.to_m:
+            if pads.from_m <= -self.follower_in_leader.x_m <= pads.to_m:
                 forward *= pads.speed_gain
                 turn += (pads.turn_gain - 1.0) * w + pads.yaw_rad_s * moving
                 sideways += pads.sideways_m_s * moving
-        middle = self.pose.theta_rad + turn * dt_s / 2
+        middle = self.follower_in_leader.theta_rad + turn * dt_s / 2
         c, s = math.cos(middle), math.sin(middle)
-        self.pose = Pose2(
-            self.pose.x_m + (c * forward - s * sideways) * dt_s,
-            self.pose.y_m + (s * forward + c * sideways) * dt_s,
-            wrap_angle(self.pose.theta_rad + turn * dt_s),
+        self.follower_in_leader = Pose2(
+            self.follower_in_leader.x_m + (c * forward - s * sideways) * dt_s,
+            self.follower_in_leader.y_m + (s * forward + c * sideways) * dt_s,
+            wrap_angle(self.follower_in_leader.theta_rad + turn * dt_s),
         )
 
     def true_pixels(self) -> Array:
@@ -129,19 +129,19 @@ class FeatureWorld:
 
     def _look(self) -> tuple[Pose2, Array, Array]:
         """The pose, the projections from it, which lie in the image; kept, since all ask several times a frame."""
-        if self._seen is None or self._seen[0] is not self.pose:
-            pixels = project(self._config, self.pose)
-            self._seen = self.pose, pixels, inside_image(self._config, pixels)
+        if self._seen is None or self._seen[0] is not self.follower_in_leader:
+            pixels = project(self._config, self.follower_in_leader)
+            self._seen = self.follower_in_leader, pixels, inside_image(self._config, pixels)
         return self._seen
 
-    def measure(self, time_ns: int) -> Measurement:
+    def measure(self, time_ns: int) -> FrameMeasurement:
         """One frame with fresh noise."""
         noise_px, noise_theta = self._noise
         _, true, inside = self._look()
         noisy = true + noise_px * self._random.standard_normal(true.shape)
         noisy[np.logical_not(inside)] = np.nan
-        theta = wrap_angle(-self.pose.theta_rad + noise_theta * self._random.standard_normal())
-        return Measurement(time_ns, self._config.camera.pinhole.to_normalised(noisy), theta)
+        theta = wrap_angle(-self.follower_in_leader.theta_rad + noise_theta * self._random.standard_normal())
+        return FrameMeasurement(time_ns, self._config.camera.pinhole.to_normalised(noisy), theta)
 
 
 def project(config: Config, pose: Pose2) -> Array:
@@ -164,7 +164,12 @@ def project(config: Config, pose: Pose2) -> Array:
 
 
 def inside_image(config: Config, pixels: Array) -> Array:
-    """(n,) whether pixels lie in the image; NaN do not."""
+    """(n,) whether pixels lie in the image; NaN do not.
+
+    Args:
+        config: with the camera.
+        pixels: (n, 2) [px].
+    """
     size = np.array([config.camera.width_px - 1, config.camera.height_px - 1])
     inside: Array = np.all((pixels >= 0) & (pixels <= size), axis=1)
     return inside

@@ -5,26 +5,28 @@ from __future__ import annotations
 import numpy as np
 
 from common.messages import Mission
-from experiments.feature_level.feature_world import Measurement
-from experiments.feature_level.pilots import Insight, Pilot, PilotFactory, Task, Twist
-from experiments.feature_level.pixel_world import Seen
+from experiments.feature_level.feature_world import FrameMeasurement
+from experiments.feature_level.pilots import Insight, Pilot, PilotFactory, Twist
+from experiments.feature_level.pixel_world import PerceivedFrame
+from experiments.feature_level.task import Task
+from follower.controller.davpc import DavpcMethod
 from follower.controller.docking import DockingController
-from follower.controller.interface import PredictiveController
+from follower.controller.interface import PoseController
 
 
 class RuntimePilot:
     """The controller process's own code, with a mission that caps nothing."""
 
-    def __init__(self, task: Task, controller: PredictiveController) -> None:
+    def __init__(self, task: Task, controller: PoseController) -> None:
         self.insight = Insight()
         controller.reset()
-        self._docking = DockingController(task.config, controller)
+        self._docking = DockingController(task.config, DavpcMethod(task.config, controller))
         self._mission = _uncapped(task)
-        self._seen: Seen | None = None
+        self._seen: PerceivedFrame | None = None
 
-    def see(self, measurement: Measurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
+    def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
         """Keep the newest docking state."""
-        assert isinstance(measurement, Seen)
+        assert isinstance(measurement, PerceivedFrame)
         self._seen = measurement
 
     def command(self, wheels: Twist, applied: Twist) -> Twist:  # noqa: ARG002
@@ -47,7 +49,7 @@ class WaitingPilot:
         self.insight = pilot.insight
         self._started = False
 
-    def see(self, measurement: Measurement, wheels: Twist, applied: Twist) -> None:
+    def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:
         """Hand the frame on, from the first that shows the whole array."""
         self._started = self._started or bool(np.isfinite(measurement.features).all())
         if self._started:
@@ -63,8 +65,8 @@ class PixelPilotFactory(PilotFactory):
 
     def make(self) -> Pilot:
         """A pilot for one run."""
-        if self._method == "davpc" and self._controller is not None:
-            return RuntimePilot(self.task, self._controller)
+        if self._own is not None:
+            return RuntimePilot(self.task, self._own)
         return WaitingPilot(super().make())
 
 
@@ -80,7 +82,7 @@ def _uncapped(task: Task) -> Mission:
         straight_speed_m_s=0.0,
         v_max_m_s=limits.v_max_m_s,
         w_max_rad_s=limits.w_max_rad_s,
-        goal_theta_rad=task.goal.theta_rad,
+        goal_theta_rad=task.goal_leader_in_follower.theta_rad,
         desired_features=tuple((float(a), float(b)) for a, b in task.desired),
         grip="closed",
         contact_expected=False,

@@ -19,7 +19,7 @@ from common.frame_ring import Image
 from common.geometry import Array, Pose2, features_at, move_relative
 from common.messages import DockingState, Frame
 from common.timing import NS_PER_MS, NS_PER_S
-from experiments.feature_level.feature_world import Disturbances, FeatureWorld, Measurement
+from experiments.feature_level.feature_world import Disturbances, FeatureWorld, FrameMeasurement
 from follower.estimator.state import StateEstimator
 from sim.optics.image import Optics, View
 from sim.optics.scenes import CLEAN, Scene
@@ -27,7 +27,7 @@ from sim.world_config import WorldConfig, world_config
 
 
 @dataclass(frozen=True)
-class Seen(Measurement):
+class PerceivedFrame(FrameMeasurement):
     """A frame's measurement, and the docking state that the estimator made of it.
 
     A frame without a valid state, or without θ of the homography, has features and θ of NaN.
@@ -58,13 +58,13 @@ class PixelWorld:
         self._waiting: list[tuple[int, tuple[float, float]]] = []
 
     @property
-    def pose(self) -> Pose2:
+    def follower_in_leader(self) -> Pose2:
         """{F} in {L}."""
-        return self._base.pose
+        return self._base.follower_in_leader
 
     @property
     def wheels(self) -> tuple[float, float]:
-        """Twist that the encoders tell."""
+        """Twist that the encoders measure."""
         return self._base.wheels
 
     @property
@@ -78,7 +78,7 @@ class PixelWorld:
         self._waiting.append((effect_ns, twist))
 
     def advance(self, duration_s: float) -> None:
-        """Drive on; a command that is still on its way takes over when its time has come."""
+        """Drive on; a command still in transit takes over when it is due."""
         until_ns = self._time_ns + round(duration_s * NS_PER_S)
         while self._waiting and self._waiting[0][0] <= until_ns:
             effect_ns, twist = self._waiting.pop(0)
@@ -103,13 +103,13 @@ class PixelWorld:
         """(n,) whether each projection lies in the image."""
         return self._base.in_view()
 
-    def measure(self, time_ns: int) -> Seen:
+    def measure(self, time_ns: int) -> PerceivedFrame:
         """Expose, render, and perceive one frame with its middle at ``time_ns``."""
         self._frames += 1
         self._time_ns = time_ns
         camera = self._config.camera
         v, w = self._base.wheels
-        opened = move_relative(self._base.pose.inverse(), v, w, -0.5e-6 * camera.exposure_us)
+        opened = move_relative(self._base.follower_in_leader.inverse(), v, w, -0.5e-6 * camera.exposure_us)
         tilt = self._suspension.pitch_rad, self._suspension.roll_rad
         view = View(self._frames, opened, self._currents, *tilt, v, w, time_ns, self._scene)
         self._optics.render(self._image, view)
@@ -120,8 +120,8 @@ class PixelWorld:
         features = np.array([(np.nan, np.nan) if point is None else point for point in state.features], dtype=float)
         theta = state.theta_homography_rad
         if not state.valid or theta is None:
-            return Seen(time_ns, np.full_like(features, np.nan), math.nan, state)
-        return Seen(time_ns, features, theta, state)
+            return PerceivedFrame(time_ns, np.full_like(features, np.nan), math.nan, state)
+        return PerceivedFrame(time_ns, features, theta, state)
 
 
 class _Suspension:

@@ -10,7 +10,7 @@ import numpy as np
 from common.config import Config
 from common.geometry import Array
 from experiments.feature_level.feature_world import Pads
-from experiments.feature_level.trial import Trace
+from experiments.feature_level.trial import FlightTrace
 
 COLOURS = {
     "ibvs": "#d55e00",
@@ -33,8 +33,8 @@ def _canvas(rows: int, columns: int, size_in: tuple[float, float]) -> tuple[Any,
     return figure, figure.subplots(rows, columns, squeeze=False)
 
 
-def draw_trajectories(traces: dict[str, list[Trace]], config: Config, path: Path) -> None:
-    """Plan view of every start; θ(t) and features of the first, as in the paper's figure of trajectories."""
+def draw_trajectories(traces: dict[str, list[FlightTrace]], config: Config, path: Path) -> None:
+    """Plan view of every start; θ(t) and features of the first: as the paper's figure of its trajectories."""
     figure, axes = _canvas(2, 2, (11, 8))
     plan, heading, image, error = axes.ravel()
     for method, runs in traces.items():
@@ -63,7 +63,7 @@ def draw_trajectories(traces: dict[str, list[Trace]], config: Config, path: Path
     figure.savefig(path)
 
 
-def draw_disturbed_runs(traces: dict[str, Trace], pads: tuple[Pads, ...], path: Path) -> None:
+def draw_disturbed_runs(traces: dict[str, FlightTrace], pads: tuple[Pads, ...], path: Path) -> None:
     """As the paper's figure of its observer: plan view over the pads, estimated disturbance, compensation."""
     figure, axes = _canvas(3, 1, (10, 11))
     plan, estimate, output = axes[:, 0]
@@ -76,7 +76,7 @@ def draw_disturbed_runs(traces: dict[str, Trace], pads: tuple[Pads, ...], path: 
     for i, pad in enumerate(pads):
         plan.axvspan(pad.from_m, pad.to_m, color="0.85", zorder=0, label="pads" if i == 0 else None)
     plan.invert_xaxis()
-    plan.set(xlabel="distance behind the Leader [m]", ylabel="y [m]", title="rubber pads on the way")
+    plan.set(xlabel="distance behind the Leader [m]", ylabel="y [m]", title="rubber pads on the path")
     _draw_estimates(traces, pads, estimate, output)
     for axis in (plan, estimate, output):
         axis.grid(alpha=0.3)
@@ -84,7 +84,7 @@ def draw_disturbed_runs(traces: dict[str, Trace], pads: tuple[Pads, ...], path: 
     figure.savefig(path)
 
 
-def _draw_estimates(traces: dict[str, Trace], pads: tuple[Pads, ...], estimate: Any, output: Any) -> None:
+def _draw_estimates(traces: dict[str, FlightTrace], pads: tuple[Pads, ...], estimate: Any, output: Any) -> None:
     for method, trace in traces.items():
         rows = trace.arrays()
         if method == "paper":

@@ -21,7 +21,7 @@ Flight = tuple["MethodCase", int]
 
 @dataclass(frozen=True)
 class MethodCase:
-    """A method in one setting; the configuration as JSON, by which a process knows the solver it has built.
+    """A method in one setting; the configuration as JSON, the key of the solvers that a process has built.
 
     ``label`` is the method's name in the results; ``array`` counts at feature level only.
     """
@@ -41,7 +41,19 @@ def make_case(
     config: Config, method: str, name: str, starts: list[Pose2], disturbances: Disturbances, seed: int,
     array: str = "vertical", label: str = "", level: Level = "features",
 ) -> MethodCase:  # fmt: skip
-    """A case; its runs are numbered by their starts."""
+    """A case; its runs are numbered by their starts.
+
+    Args:
+        config: the robots, before the method's own changes.
+        method: one of ``METHODS``.
+        name: of the case, in the results.
+        starts: poses of {F} in {L}, one run each.
+        disturbances: of every run.
+        seed: random seed.
+        array: ``vertical`` or ``tilted``, at feature level.
+        label: the method's name in the results; empty: as it is.
+        level: features, or rendered pixels.
+    """
     text = config.model_dump_json()
     return MethodCase(method, label or method, name, text, array, tuple(starts), disturbances, seed, level)
 

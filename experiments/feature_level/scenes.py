@@ -106,13 +106,12 @@ def pixel_config(config: Config, method: str) -> Config:
 
 
 def _controller(config: Config, method: str) -> ControllerConfig:
-    own = method == "davpc"
-    solver = {"method": "davpc" if own else "paper", "solver": "gauss_newton" if own else "fatrop"}
-    return config.controller.model_copy(update=solver | (PAPER_TUNING if method in ("paper", "vpc") else {}))
+    chosen = {"method": "davpc" if method == "davpc" else "paper_fatrop"}
+    return config.controller.model_copy(update=chosen | (PAPER_TUNING if method in ("paper", "vpc") else {}))
 
 
 def level_settings(config: Config, level: Level, cases: tuple[str, ...]) -> dict[str, Any]:
-    """What ``settings`` of an experiment say of its level: the cases' names there, and the level's own numbers."""
+    """What ``settings`` of an experiment record of its level: the cases' names there, and the level's own numbers."""
     if level == "features":
         return {"level": level, "cases": list(cases), "noise_px": NOISE_PX, "noise_theta_rad": NOISE_THETA_RAD}
     return {
@@ -130,7 +129,14 @@ def _prompt(config: Config) -> BaseConfig:
 
 
 def random_starts(config: Config, case: str, count: int, seed: int) -> list[Pose2]:
-    """Poses of {F} in {L} from which every feature is in the image; the same ones for a seed."""
+    """Poses of {F} in {L} from which every feature is in the image; the same ones for a seed.
+
+    Args:
+        config: the robots.
+        case: its first letter names the range of starts.
+        count: how many.
+        seed: random seed.
+    """
     limits = START_RANGES[case[0]]
     random = np.random.default_rng([seed, ord(case[0]), _REPORTED])
     found: list[Pose2] = []
@@ -150,7 +156,7 @@ def paper_start(start: tuple[float, float, float]) -> Pose2:
 
 
 def random_pads(seed: int) -> Disturbances:
-    """The paper's run: pads strewn over the way, each with a slip, a drift and a turn of its own."""
+    """The paper's run: pads strewn over the path, each with a slip, a drift and a turn of its own."""
     random = np.random.default_rng(seed)
     edges = np.sort(random.uniform(1.8, 3.6, 8))
     pads = [

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from common.geometry import Array, Pose2, feature_jacobian, features_at
+from common.geometry import Array, Pose2, features_at
+from follower.model.array import feature_jacobian
 
 _MOST_STEPS = 20
 _CONVERGED = 1e-4

@@ -20,7 +20,15 @@ TIMED_PROBLEMS = 40
 
 
 def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 10) -> dict[str, Any]:
-    """Vary N_p of both methods without a disturbance, and ω_o of the paper's observer with yaw pads."""
+    """Vary N_p of both methods without a disturbance, and ω_o of the paper's observer with yaw pads.
+
+    Args:
+        out: folder for the results.
+        seed: random seed.
+        jobs: processes.
+        config: the robots.
+        trials: runs of each setting.
+    """
     cases, varied = [], []
     for method in ("paper", "davpc"):
         for horizon in HORIZONS:
@@ -46,4 +54,4 @@ def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 10) -> di
 def _median_ms(config: Config, case: MethodCase, seed: int) -> float:
     setting = method_config(config, case.method)
     problems = record_problems(setting, TIMED_PROBLEMS, seed)
-    return time_solver(setting, setting.controller.solver, problems).median_ms
+    return time_solver(setting, setting.controller.method, problems).median_ms

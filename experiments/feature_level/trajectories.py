@@ -16,7 +16,15 @@ METHODS = ("ibvs", "ke", "davpc")
 
 
 def run(out: Path, seed: int, jobs: int, config: Config, methods: tuple[str, ...] = METHODS) -> dict[str, Any]:
-    """Fly the paper's four starts with each method; write results and ``trajectories.png``."""
+    """Fly the paper's four starts with each method; write results and ``trajectories.png``.
+
+    Args:
+        out: folder for the results.
+        seed: random seed.
+        jobs: processes.
+        config: the robots.
+        methods: which to fly.
+    """
     starts = [paper_start(start) for start in PAPER_STARTS]
     cases = [make_case(config, method, "paper_starts", starts, DISTURBANCES["none"], seed) for method in methods]
     outcomes = run_all(fly_job, all_jobs(cases), jobs, "trajectories")

@@ -12,8 +12,8 @@ from common.config import Config
 from common.docking_errors import docked_error
 from common.geometry import Array, Pose2, features_at
 from common.timing import NS_PER_S
-from experiments.feature_level.feature_world import Disturbances, FeatureWorld, Measurement, project
-from experiments.feature_level.pilots import Pilot, Task
+from experiments.feature_level.feature_world import Disturbances, FeatureWorld, FrameMeasurement, project
+from experiments.feature_level.pilots import Pilot
 from experiments.feature_level.scenes import (
     DURATION_S,
     FRAME_RATE_HZ,
@@ -22,6 +22,7 @@ from experiments.feature_level.scenes import (
     NOISE_THETA_RAD,
     OVER_BOUND_M,
 )
+from experiments.feature_level.task import Task
 
 
 class World(Protocol):
@@ -30,14 +31,14 @@ class World(Protocol):
     command: tuple[float, float]
 
     @property
-    def pose(self) -> Pose2:
+    def follower_in_leader(self) -> Pose2:
         """{F} in {L}."""
 
     @property
     def wheels(self) -> tuple[float, float]:
-        """Twist that the encoders tell."""
+        """Twist that the encoders measure."""
 
-    def measure(self, time_ns: int) -> Measurement:
+    def measure(self, time_ns: int) -> FrameMeasurement:
         """The frame taken now."""
 
     def advance(self, duration_s: float) -> None:
@@ -54,7 +55,7 @@ METRICS = ("e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px", "m_v", "m_w", "lost", "o
 
 
 @dataclass
-class Trace:
+class FlightTrace:
     """What a run looked like, one row for each control period."""
 
     time_s: list[float] = field(default_factory=list)
@@ -74,7 +75,7 @@ class Outcome:
     """Metrics of one run by name (``settle_s`` NaN: never), and its trace."""
 
     metrics: dict[str, float]
-    trace: Trace
+    trace: FlightTrace
 
 
 def fly(
@@ -85,14 +86,30 @@ def fly(
     disturbances: Disturbances,
     duration_s: float = DURATION_S,
 ) -> Outcome:
-    """Run at feature level for a while."""
+    """Run at feature level for a while.
+
+    Args:
+        task: robots and goal.
+        pilot: a method, fresh.
+        start: pose of {F} in {L}.
+        seed: of the noise.
+        disturbances: of the world.
+        duration_s: of the run.
+    """
     world = FeatureWorld(task.config, start, seed, disturbances, NOISE_PX, NOISE_THETA_RAD)
     return fly_in(world, task, pilot, duration_s)
 
 
 def fly_in(world: World, task: Task, pilot: Pilot, duration_s: float = DURATION_S) -> Outcome:
-    """Run for a while: a frame at 60 Hz, a command from every third."""
-    trace, applied, lost = Trace(), (0.0, 0.0), False
+    """Run for a while: a frame at 60 Hz, a command from every third.
+
+    Args:
+        task: robots and goal.
+        world: at its start.
+        pilot: a method, fresh.
+        duration_s: of the run.
+    """
+    trace, applied, lost = FlightTrace(), (0.0, 0.0), False
     settled_since = math.nan
     for frame in range(round(duration_s * FRAME_RATE_HZ)):
         time_s = frame / FRAME_RATE_HZ
@@ -108,9 +125,11 @@ def fly_in(world: World, task: Task, pilot: Pilot, duration_s: float = DURATION_
     return Outcome(_metrics(task, world, trace, lost, settled_since), trace)
 
 
-def _note(trace: Trace, time_s: float, world: World, pilot: Pilot, applied: tuple[float, float]) -> None:
+def _note(trace: FlightTrace, time_s: float, world: World, pilot: Pilot, applied: tuple[float, float]) -> None:
     trace.time_s.append(time_s)
-    trace.pose.append((world.pose.x_m, world.pose.y_m, world.pose.theta_rad))
+    trace.pose.append(
+        (world.follower_in_leader.x_m, world.follower_in_leader.y_m, world.follower_in_leader.theta_rad)
+    )
     trace.command.append(applied)
     trace.features.append(world.true_pixels())
     trace.disturbance.append(pilot.insight.disturbance)
@@ -120,8 +139,8 @@ def _note(trace: Trace, time_s: float, world: World, pilot: Pilot, applied: tupl
 def _settled(task: Task, world: World) -> bool:
     """The supervisor's arrival test, on the truth."""
     docking = task.config.docking
-    relative = world.pose.inverse()
-    if abs(relative.theta_rad - task.goal.theta_rad) > math.radians(docking.heading_tolerance_deg):
+    relative = world.follower_in_leader.inverse()
+    if abs(relative.theta_rad - task.goal_leader_in_follower.theta_rad) > math.radians(docking.heading_tolerance_deg):
         return False
     try:
         error = features_at(task.points_l, relative, task.camera) - task.desired
@@ -130,22 +149,22 @@ def _settled(task: Task, world: World) -> bool:
     return bool(np.abs(error).max() <= docking.feature_tolerance)
 
 
-def _metrics(task: Task, world: World, trace: Trace, lost: bool, settled_since: float) -> dict[str, float]:
+def _metrics(task: Task, world: World, trace: FlightTrace, lost: bool, settled_since: float) -> dict[str, float]:
     """At the end of the run: the paper's six columns and this project's."""
-    error = docked_error(world.pose, task.goal)
-    e_x, e_y = abs(error.e_x_m), abs(error.e_y_m)
-    error_px = world.true_pixels() - project(task.config, task.goal.inverse())
+    goal = task.goal_leader_in_follower
+    error = docked_error(world.follower_in_leader, goal)
+    error_px = world.true_pixels() - project(task.config, goal.inverse())
     change = np.diff(np.array([(0.0, 0.0), *trace.command]), axis=0)
     m_v, m_w = np.sqrt(np.mean(change**2, axis=0))
     return {
-        "e_x_cm": 100 * e_x,
-        "e_y_cm": 100 * e_y,
+        "e_x_cm": 100 * abs(error.e_x_m),
+        "e_y_cm": 100 * abs(error.e_y_m),
         "e_theta_deg": abs(error.e_theta_deg),
         "e_p_px": float(np.sqrt(np.mean(np.sum(error_px**2, axis=1)))),
         "m_v": float(m_v),
         "m_w": float(m_w),
         "lost": float(lost),
-        "over_bound": float(max(e_x, e_y) > OVER_BOUND_M),
+        "over_bound": float(max(abs(error.e_x_m), abs(error.e_y_m)) > OVER_BOUND_M),
         "settle_s": settled_since,
     }
 

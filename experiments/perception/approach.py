@@ -72,7 +72,16 @@ def approach(
     seed: int,
     drive: Callable[[Pose2], tuple[float, float]] = steer,
 ) -> Iterator[Look]:
-    """Drive from 8 to 1.5 m, 20 s at most; every frame is rendered into one image that lasts until the next."""
+    """Drive from 8 to 1.5 m, 20 s at most; every frame is rendered into one image that lasts until the next.
+
+    Args:
+        config: the robots.
+        optics: renders the frames.
+        estimator: takes them, fresh.
+        scene: light and occluders.
+        seed: of start and slip.
+        drive: twist v [m/s], ω [rad/s] at a pose of {F} in {L}.
+    """
     draws = np.random.default_rng((seed, 17))
     follower = start_pose(draws)
     slip = draws.normal(0.0, 0.03, 2)
@@ -103,7 +112,13 @@ def features_px(config: Config, state: DockingState) -> Array:
 
 
 def wrong_leds(config: Config, state: DockingState, leds_px: Array) -> int:
-    """Features that lie more than 3 px from the LED whose they are said to be."""
+    """How many features lie more than 3 px from the LED that they are taken for.
+
+    Args:
+        config: the robots.
+        state: with the features.
+        leds_px: (n, 2) true places.
+    """
     away_px = np.hypot(*(features_px(config, state) - leds_px).T)
     return int((away_px[np.isfinite(away_px)] > WRONG_PX).sum())
 

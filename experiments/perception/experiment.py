@@ -54,7 +54,15 @@ def look_job(job: LookJob) -> list[Look]:
     optics = Optics(config.camera, config.leds, seed=1)
     scene = replace(named_scene(job.scene, job.seed), leds_lit=job.lit)
     drive, frames = (steer, None) if job.drives else (stand, STANDING_FRAMES)
-    return list(islice(approach(config, optics, StateEstimator(config), scene, job.seed, drive), frames))
+    return list(
+        islice(approach(config, optics, StateEstimator(_with_homography(config)), scene, job.seed, drive), frames)
+    )
+
+
+def _with_homography(config: Config) -> Config:
+    """The same, with θ of the homography in every state, as the paper's controller would read it."""
+    controller = config.controller.model_copy(update={"method": "paper_fatrop"})
+    return config.model_copy(update={"controller": controller})
 
 
 def run(

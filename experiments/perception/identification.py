@@ -21,7 +21,7 @@ FARTHEST_M = 9.0
 
 
 @dataclass(frozen=True)
-class IdentificationCase:
+class LampCase:
     """What is in view beside, or in place of, the array."""
 
     name: str
@@ -32,19 +32,26 @@ class IdentificationCase:
 
 
 CASES = (
-    IdentificationCase("alone", 0),
-    IdentificationCase("20 lamps", 20),
-    IdentificationCase("40 lamps", 40),
-    IdentificationCase("one LED hidden", 0, hidden=True),
-    IdentificationCase("one LED hidden, 4 lamps", 4, hidden=True),
-    IdentificationCase("no LED, 40 lamps", 40, leds_lit=False),
-    IdentificationCase("no LED, 6 lamps", 6, leds_lit=False),
-    IdentificationCase("mirrored array, 10 lamps", 10, leds_lit=False, mirrored=True),
+    LampCase("alone", 0),
+    LampCase("20 lamps", 20),
+    LampCase("40 lamps", 40),
+    LampCase("one LED hidden", 0, hidden=True),
+    LampCase("one LED hidden, 4 lamps", 4, hidden=True),
+    LampCase("no LED, 40 lamps", 40, leds_lit=False),
+    LampCase("no LED, 6 lamps", 6, leds_lit=False),
+    LampCase("mirrored array, 10 lamps", 10, leds_lit=False, mirrored=True),
 )
 
 
-def identification_rates(config: Config, case: IdentificationCase, frames: int, seed: int) -> dict[str, float]:
-    """Per cent of ``frames`` independent scenes that are identified rightly, falsely, or not at all."""
+def identification_rates(config: Config, case: LampCase, frames: int, seed: int) -> dict[str, float]:
+    """Per cent of independent scenes that are identified rightly, falsely, or not at all.
+
+    Args:
+        config: the robots.
+        case: what is in the scenes.
+        frames: how many.
+        seed: random seed.
+    """
     draws = np.random.default_rng((seed, len(case.name), case.lamps))
     optics, lens = Optics(config.camera, config.leds, seed), Lens(config.camera)
     focal = config.camera.lens.fx_px
@@ -66,7 +73,7 @@ def identification_rates(config: Config, case: IdentificationCase, frames: int, 
 
 
 def _candidates(
-    config: Config, optics: Optics, case: IdentificationCase, draws: np.random.Generator, number: int
+    config: Config, optics: Optics, case: LampCase, draws: np.random.Generator, number: int
 ) -> tuple[Array, Array, list[int]]:
     """Pixels (N, 2) and peaks (N,) of what can be seen, and which of them is each LED (−1: none)."""
     view = _random_view(config, case, draws, number)
@@ -86,7 +93,7 @@ def _candidates(
     return pixels + draws.normal(0.0, NOISE_PX, pixels.shape), peaks, leds
 
 
-def _random_view(config: Config, case: IdentificationCase, draws: np.random.Generator, number: int) -> View:
+def _random_view(config: Config, case: LampCase, draws: np.random.Generator, number: int) -> View:
     """A pose that the LEDs' beams reach, lamps between and behind the robots, the camera a little tilted."""
     distance, bearing = draws.uniform(1.5, FARTHEST_M), draws.uniform(-0.5, 0.5)
     heading = bearing + draws.uniform(-0.5, 0.5)

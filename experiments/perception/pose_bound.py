@@ -1,4 +1,4 @@
-"""How well the array's image can tell the pose: the Cramér–Rao bound, and both routes' scatter beside it."""
+"""How well the array's image determines the pose: the Cramér–Rao bound, and both routes' scatter beside it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ThetaError:
 def pose_bound(config: Config, relative: Pose2, sigma_px: float) -> Array:
     """Cramér–Rao bound of the standard deviations of x, y [m], θ [rad] for a camera that does not tilt.
 
-    Independent of the estimator's Jacobian: central differences of eq. (4), a point of {L} in {C}.
+    Independent of the estimator's Jacobian: central differences of eq. (4) and eq. (7), the projection.
     """
     points, mount = config.leds.points, config.camera.mount
     step = 1e-6
@@ -52,7 +52,15 @@ def pose_bound(config: Config, relative: Pose2, sigma_px: float) -> Array:
 def theta_errors(
     config: Config, distances_m: tuple[float, ...], sigma_px: float, trials: int, seed: int
 ) -> list[ThetaError]:
-    """Scatter of θ over noisy features on the array's axis, at each distance; no fit starts at the truth."""
+    """Scatter of θ over noisy features on the array's axis, at each distance; no fit starts at the truth.
+
+    Args:
+        config: the robots.
+        distances_m: from {F} to {L}.
+        sigma_px: standard deviation of a coordinate.
+        trials: at each distance.
+        seed: random seed.
+    """
     focal, mount = config.camera.lens.fx_px, config.camera.mount
     model = FitModel(config.leds.points, mount, sigma_px / focal, math.radians(0.7))
     desired = features_at(config.leds.points, config.docking.goal(1), mount)

@@ -60,8 +60,8 @@ def scene_metrics(approaches: Sequence[Sequence[Look]]) -> Figures:
 
     A frame counts as valid if it showed the array itself. ``losses`` are invalid stretches longer than 100 ms after
     the first lock, and approaches without any lock; ``losses_leds_visible`` those that began with three LEDs or more
-    in sight; ``ambiguous_percent`` frames in which the array could not be told from another; ``late_flags`` valid
-    frames that use LEDs nobody could see; ``relock_max_s`` the longest time from LEDs in sight again to the next
+    in sight; ``ambiguous_percent`` frames in which the array could not be distinguished from another; ``late_flags``
+    valid frames that use LEDs not visible; ``relock_max_s`` the longest time from LEDs in sight again to the next
     valid frame.
     """
     locks = [_first_lock(looks) for looks in approaches]
@@ -112,6 +112,12 @@ def band_metrics(
     """The same counts for what happened between two distances, and the errors of both routes to the pose there.
 
     A lock and a loss belong to the distance at which they came about.
+
+    Args:
+        config: the robots.
+        approaches: their frames.
+        far_m: farthest distance, exclusive.
+        near_m: nearest one.
     """
 
     def here(distance_m: float) -> bool:

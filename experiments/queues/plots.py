@@ -104,7 +104,8 @@ def snapshot(config: Config, changes: dict[str, Any], pose: tuple[float, float, 
 
 def _draw_series(trace: DockingTrace, heading: Any, output: Any) -> None:
     seconds = np.array(trace.time_s) - trace.time_s[0]
-    heading.plot(seconds, np.degrees(trace.theta_homography), ".", ms=1.5, color="0.6", label="θ measured")
+    if np.isfinite(trace.theta_homography).any():  # the paper's methods alone measure it
+        heading.plot(seconds, np.degrees(trace.theta_homography), ".", ms=1.5, color="0.6", label="θ homography")
     heading.plot(seconds, np.degrees(trace.theta_estimated), color=_BLUE, label="θ estimated")
     heading.plot(seconds, np.degrees(trace.theta_true), "k--", lw=0.8, label="θ true")
     output.plot(seconds, trace.v_m_s, color=_BLUE, label="v [m/s]")

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from common.config import Config
-from common.geometry import feature_jacobian
 from experiments.queues.plots import draw_sequential
 from experiments.queues.run import Docking, plan, run_plan
 from experiments.shared.campaign import run_all
 from experiments.shared.results import missed_note, row, write_results
+from follower.model.array import feature_jacobian
 
 METRICS = ("e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px")
 START_M, START_SIDE_M, START_DEG = (5.0, 7.5), 1.5, 30.0

@@ -1,6 +1,6 @@
 """``davpc experiment stop-times``: how long until the wheels are commanded to stop when a process dies or hangs.
 
-``docs/safety.md`` S01–S06, S27, S49, P01–P03. ``run`` writes ``results.json`` with ``rows`` of method, n and metrics [ms].
+``docs/safety.md`` S01–S06, S27, S49, P01–P03. ``run`` writes ``rows`` of method, n and metrics [ms].
 Controller and bridge die on their own bench, wheels lifted; camera, estimator, supervisor and arms in a whole robot.
 Stop time: from the fault to the first frame that commands zero or quick stop; with the bridge dead or stopped, from
 its last RPDO until both drives are in quick stop. Limits: 150 ms, 250 ms for what stands above the controller, and

@@ -16,7 +16,7 @@ _TRIAL_NS = 500 * NS_PER_MS
 
 
 class ExposureRetry:
-    """The exposure to use, from what the estimator says of the images."""
+    """The exposure to use, from the estimator's verdict on the images."""
 
     def __init__(self, exposure_us: float, rate_hz: float) -> None:
         self._configured_us = self.exposure_us = exposure_us

@@ -64,7 +64,13 @@ class MindVisionSource:
             raise DeviceError(f"MindVision camera {self._serial or '(any)'}: {_text(error)}") from error
 
     def grab(self, now_ns: int, inputs: Inbox, image: Image) -> Capture | None:  # noqa: ARG002 - it waits for light
-        """Wait up to two frame periods for the next image; silence of a second is a lost camera."""
+        """Wait up to two frame periods for the next image; silence of a second is a lost camera.
+
+        Args:
+            now_ns: not used: the device paces the loop.
+            inputs: not used.
+            image: (height, width) uint8, written in place.
+        """
         sdk = self._sdk
         if self._handle is None:
             raise DeviceError("MindVision camera is not open")
@@ -156,7 +162,7 @@ class MindVisionSource:
         if not (head.iHeight, head.iWidth) == expected == image.shape:
             raise DeviceError(
                 f"MindVision camera {self._serial}: image of {head.iWidth}×{head.iHeight}, "
-                f"camera.width_px and height_px say {image.shape[1]}×{image.shape[0]}"
+                f"camera.width_px and height_px are {image.shape[1]}×{image.shape[0]}"
             )
 
     def _set(self, what: str, status: int) -> None:

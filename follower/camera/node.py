@@ -82,10 +82,10 @@ class CameraNode(Node):
             self._source.expose(exposure_us)
 
     def _note(self, sequence: int, capture: Capture) -> Frame:
-        """Commit the slot and say what lies in it.
+        """Commit the slot and describe what lies in it.
 
         Raises:
-            DeviceError: the source tells facts that no camera has.
+            DeviceError: the source reports values that no camera has.
         """
         try:
             return Frame(

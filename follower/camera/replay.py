@@ -61,7 +61,13 @@ class ReplaySource:
         self._video = video
 
     def grab(self, now_ns: int, inputs: Inbox, image: Image) -> Capture | None:  # noqa: ARG002 - files only
-        """The next image once its time has come."""
+        """The next image once its time has come.
+
+        Args:
+            now_ns: the time; image k is due k periods after the first grab.
+            inputs: not used.
+            image: (height, width) uint8, written in place.
+        """
         if self._due_ns is None:
             self._due_ns = now_ns
         if now_ns < self._due_ns:
@@ -72,7 +78,7 @@ class ReplaySource:
         origin, grey = pixels
         if grey.shape != image.shape:
             raise DeviceError(
-                f"{origin}: image of {grey.shape[1]}×{grey.shape[0]}, camera.width_px and height_px say "
+                f"{origin}: image of {grey.shape[1]}×{grey.shape[0]}, camera.width_px and height_px are "
                 f"{image.shape[1]}×{image.shape[0]}"
             )
         np.copyto(image, grey)
@@ -84,7 +90,7 @@ class ReplaySource:
         _log.warning("%s: recorded, cannot be exposed for %g µs", self._path, exposure_us)
 
     def close(self) -> None:
-        """Let go of the files; opened again, a video begins anew, a folder goes on."""
+        """Release the files; reopened, a video starts again, a folder continues."""
         if self._video is not None:
             self._video.release()
         self._video = None
@@ -107,7 +113,7 @@ class ReplaySource:
 
 
 def read_grey(path: Path) -> Image | None:
-    """An image file in grey; None if OpenCV cannot read it, which it tells in two ways."""
+    """An image file in grey; None if OpenCV cannot read it, which it reports in two ways."""
     try:
         grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     except cv2.error:  # larger than it takes

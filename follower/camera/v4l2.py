@@ -53,7 +53,7 @@ class V4l2Source:
     """A camera at ``/dev/video…``: grey and uncompressed if it can, exposure and gain set by hand.
 
     A camera that has no grey format is taken in colour and turned to grey. What it does not take of rate, exposure
-    and gain is named in a warning, and each image carries what is in force, as far as the driver tells.
+    and gain is named in a warning, and each image carries what is in force, as far as the driver reports it.
     ``capture_ns`` is the driver's own monotonic stamp less half the exposure, receipt where it gives none.
     """
 
@@ -85,7 +85,13 @@ class V4l2Source:
             raise
 
     def grab(self, now_ns: int, inputs: Inbox, image: Image) -> Capture | None:  # noqa: ARG002 - it waits for light
-        """Wait for the next image."""
+        """Wait for the next image.
+
+        Args:
+            now_ns: not used: the device paces the loop.
+            inputs: not used.
+            image: (height, width) uint8, written in place.
+        """
         if self._video is None:
             raise DeviceError(f"{self._device}: is not open")
         try:
@@ -124,10 +130,10 @@ class V4l2Source:
         _set_format(video, self._device)
         video.set(cv2.CAP_PROP_FRAME_WIDTH, float(camera.width_px))
         video.set(cv2.CAP_PROP_FRAME_HEIGHT, float(camera.height_px))
-        size = (round(_told(video, cv2.CAP_PROP_FRAME_WIDTH)), round(_told(video, cv2.CAP_PROP_FRAME_HEIGHT)))
+        size = (round(_reported(video, cv2.CAP_PROP_FRAME_WIDTH)), round(_reported(video, cv2.CAP_PROP_FRAME_HEIGHT)))
         if size != (camera.width_px, camera.height_px):
             raise DeviceError(
-                f"{self._device}: gives {size[0]}×{size[1]}, camera.width_px and height_px say "
+                f"{self._device}: gives {size[0]}×{size[1]}, camera.width_px and height_px are "
                 f"{camera.width_px}×{camera.height_px}"
             )
         video.set(cv2.CAP_PROP_BUFFERSIZE, 2.0)
@@ -141,20 +147,20 @@ class V4l2Source:
         self._gain = self._in_force(video, "camera.gain", cv2.CAP_PROP_GAIN, camera.gain, 1.0)
 
     def _in_force(self, video: VideoDevice, key: str, prop: int, wanted: float, unit: float) -> float:
-        """Set a property in the driver's unit; the value in force, the wanted one where the driver tells none."""
+        """Set a property in the driver's unit; the value in force, the wanted one where the driver reports none."""
         taken = video.set(prop, wanted / unit)
-        told = _told(video, prop) * unit
-        if told > 0.0 and abs(told - wanted) > _SAME * wanted:
-            _log.warning("%s: %s = %g refused, %g is in force", self._device, key, wanted, told)
+        reported = _reported(video, prop) * unit
+        if reported > 0.0 and abs(reported - wanted) > _SAME * wanted:
+            _log.warning("%s: %s = %g refused, %g is in force", self._device, key, wanted, reported)
         elif not taken:
-            _log.warning("%s: %s = %g refused, what is in force is not told", self._device, key, wanted)
-        return told if told > 0.0 else wanted
+            _log.warning("%s: %s = %g refused, the value in force is not reported", self._device, key, wanted)
+        return reported if reported > 0.0 else wanted
 
     def _stamp_ns(self, arrived_ns: int) -> int:
         """The driver's stamp if it is of this clock, that is, of the last second."""
         if self._video is None:
             return arrived_ns
-        stamp_ns = round(_told(self._video, cv2.CAP_PROP_POS_MSEC) * NS_PER_MS)
+        stamp_ns = round(_reported(self._video, cv2.CAP_PROP_POS_MSEC) * NS_PER_MS)
         return stamp_ns if 0 <= arrived_ns - stamp_ns < NS_PER_S else arrived_ns
 
 
@@ -168,8 +174,8 @@ def _set_format(video: VideoDevice, device: str) -> None:
     video.set(cv2.CAP_PROP_CONVERT_RGB, 1.0)
 
 
-def _told(video: VideoDevice, prop: int) -> float:
-    """A property's value; 0 where the driver says nothing that is a number."""
+def _reported(video: VideoDevice, prop: int) -> float:
+    """A property's value; 0 where the driver reports no number."""
     value = float(video.get(prop))
     return value if math.isfinite(value) else 0.0
 

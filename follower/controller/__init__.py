@@ -1,1 +1,1 @@
-"""DockingState → Command: prediction model, predictive control, disturbance compensation."""
+"""DockingState → Command: the default method, and what methods share."""

@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from common.geometry import Array
-from follower.controller.rollout import FADING_BELOW_M_S
-from follower.model.motion import MotionDisturbance, share_of_drift
+from follower.model.motion import FADING_BELOW_M_S, MotionDisturbance, share_of_drift
 
 SLOW_M_S = 0.01
 STOP_SHARE, LEAVE_SHARE = 0.5, 1.0  # of the arrival's tolerance: where a drifting robot stops, and starts again
@@ -48,11 +47,15 @@ class DriftStop:
         self._standing = False
 
     def reset(self) -> None:
-        """Begin anew."""
+        """Start again: the robot does not stand."""
         self._standing = False
 
     def update(self, error: Array) -> bool:
-        """From the error (2n+1,) of features and θ."""
+        """Whether the robot stands from now on.
+
+        Args:
+            error: (2n+1,) of features and θ against the goal.
+        """
         share = LEAVE_SHARE if self._standing else STOP_SHARE
         self._standing = bool(np.all(np.abs(error) < share * self._tolerance))
         return self._standing

@@ -1,4 +1,4 @@
-"""What every predictive controller offers, and how one is chosen by name.
+"""What a predictive controller is given, what it answers, and what a docking method offers beyond it.
 
 A controller is pure: it keeps only its warm start, reads no clock and starts no thread. A solve that fails is
 a status in the plan, never an exception; whether it came too late is for its caller to judge.
@@ -6,18 +6,18 @@ a status in the plan, never an exception; whether it came too late is for its ca
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from importlib import import_module
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
-from common.config import Config
-from common.errors import ConfigError
 from common.geometry import Array, Pose2
+from common.messages import DockingState
 from follower.model.motion import NO_DISTURBANCE, MotionDisturbance
+
+Velocity = tuple[float, float]  # v [m/s], ω [rad/s] of {F}
+StateT = TypeVar("StateT", contravariant=True)
 
 
 class PlanStatus(Enum):
@@ -41,15 +41,60 @@ class SpeedCaps:
 
 
 @dataclass(frozen=True)
+class Goal:
+    """Where to arrive.
+
+    Attributes:
+        features: s*, (n, 2) normalised.
+        theta_rad: θ*, zero in the paper.
+    """
+
+    features: Array
+    theta_rad: float = 0.0
+
+    def outputs(self) -> Array:
+        """``[s*, θ*]``, (2n+1,)."""
+        return np.append(np.asarray(self.features, dtype=float).reshape(-1), self.theta_rad)
+
+
+@dataclass(frozen=True)
+class MotionState:
+    """What the default method plans from.
+
+    Attributes:
+        leader_in_follower: pose of {L} in {F} when the next command takes effect.
+        disturbance: to predict with.
+        wheels: twist measured at the wheels, from which they follow the command with a lag; None: as commanded.
+    """
+
+    leader_in_follower: Pose2
+    disturbance: MotionDisturbance = NO_DISTURBANCE
+    wheels: Velocity | None = None
+
+
+@dataclass(frozen=True)
+class FeatureState:
+    """What the paper's method plans from, its x_init.
+
+    Attributes:
+        features: (n, 2) normalised.
+        theta_rad: θ_L^F.
+    """
+
+    features: Array
+    theta_rad: float
+
+
+@dataclass(frozen=True)
 class Plan:
     """The optimal control sequence and what the model expects of it.
 
     Attributes:
         status: how the solve ended.
         v_m_s, w_rad_s: (N_p,) nominal inputs ū_0 … ū_{N_p−1}; zeros when there is no solution.
-        objective: value of eq. (nmpc_problem) at the solution, with the penalty for features out of view.
+        objective: cost of eq. (28a) at the solution, with the penalty for features out of view.
         iterations: of the solver.
-        states: (N_p + 1, m) predicted states; m = 2n+1 features and θ for ``paper``, x, y, θ for ``davpc``.
+        states: (N_p + 1, m) predicted states; m = 2n+1 features and θ for the paper's, x, y, θ for ``davpc``.
     """
 
     status: PlanStatus
@@ -65,18 +110,25 @@ class Plan:
         return self.status is PlanStatus.SOLVED
 
     @property
-    def first(self) -> tuple[float, float]:
+    def first(self) -> Velocity:
         """ū_0: v [m/s], ω [rad/s]."""
         return float(self.v_m_s[0]), float(self.w_rad_s[0])
 
 
 def failed_plan(status: PlanStatus, horizon: int, state_size: int, iterations: int = 0) -> Plan:
-    """A plan that says only why there is none."""
+    """A plan that says only why there is none.
+
+    Args:
+        status: why.
+        horizon: N_p.
+        state_size: m, of the predicted states.
+        iterations: of the solver.
+    """
     zeros = np.zeros(horizon)
     return Plan(status, zeros, zeros, float("nan"), iterations, np.full((horizon + 1, state_size), np.nan))
 
 
-class PredictiveController(Protocol):
+class PredictiveController(Protocol[StateT]):
     """Solves the docking problem from one state; keeps its last solution to start the next from."""
 
     def warm_up(self) -> None:
@@ -85,54 +137,64 @@ class PredictiveController(Protocol):
     def reset(self) -> None:
         """Forget the warm start, as at the beginning of an approach."""
 
-    def solve(
-        self,
-        pose: Pose2,
-        features: Array,
-        theta_rad: float,
-        desired_features: Array,
-        desired_theta_rad: float,
-        last_applied: tuple[float, float],
-        caps: SpeedCaps,
-        disturbance: MotionDisturbance = NO_DISTURBANCE,
-        wheels: tuple[float, float] | None = None,
-    ) -> Plan:
-        """Plan from the state at which the next command takes effect.
+    def solve(self, state: StateT, goal: Goal, last_applied: Velocity, caps: SpeedCaps) -> Plan:
+        """Plan from a state.
 
         Args:
-            pose: estimated pose of {L} in {F}; what ``davpc`` starts from.
-            features: (n, 2) normalised features and
-            theta_rad: θ_L^F; what ``paper`` starts from (its x_init).
-            desired_features: (n, 2) s*.
-            desired_theta_rad: θ*, zero in the paper.
-            last_applied: command v [m/s], ω [rad/s] that u_0 may differ from by one step of the rate limit.
+            state: where the plan begins.
+            goal: where it leads.
+            last_applied: command that u_0 may differ from by one step of the rate limit.
             caps: velocity bounds now.
-            disturbance: for methods that predict with it.
-            wheels: twist measured at the wheels, for methods that predict their lag; None: as commanded.
         """
 
 
-_FACTORIES = {
-    "gauss_newton": ("follower.controller.realtime", "make"),
-    "fatrop": ("follower.paper.nmpc", "make"),
-    "ipopt": ("follower.paper.nmpc", "make"),
-}
+PoseController = PredictiveController[MotionState]
+FeatureController = PredictiveController[FeatureState]
 
 
-def solver_names() -> tuple[str, ...]:
-    """Names that ``controller.solver`` may have."""
-    return tuple(_FACTORIES)
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """One command that is due.
 
-
-def make_controller(config: Config) -> PredictiveController:
-    """The controller that ``controller.solver`` names; its module is imported only now.
-
-    Raises:
-        ConfigError: there is no such solver.
+    Attributes:
+        now_ns: the time.
+        state: the newest docking state, valid.
+        goal: of the mission.
+        last_applied: the command published last.
+        caps: velocity bounds of the mission.
+        wheels: twist measured at the wheels, None if it is not known.
     """
-    name = config.controller.solver
-    if name not in _FACTORIES:
-        raise ConfigError(f"controller.solver: {name!r} is none of {', '.join(_FACTORIES)}")
-    module, attribute = _FACTORIES[name]
-    factory: Callable[[Config], PredictiveController] = getattr(import_module(module), attribute)
-    return factory(config)
+
+    now_ns: int
+    state: DockingState
+    goal: Goal
+    last_applied: Velocity
+    caps: SpeedCaps
+    wheels: Velocity | None
+
+
+class DockingMethod(Protocol):
+    """A method of visual servoing: what it takes from each docking state, and what it commands.
+
+    ``source`` names its commands in logs.
+    """
+
+    source: str
+
+    def warm_up(self) -> None:
+        """Solve typical problems once, before anything can be armed."""
+
+    def reset(self) -> None:
+        """Forget all, as at the beginning of an approach."""
+
+    def observe(self, state: DockingState, last_applied: Velocity, wheels: Velocity | None) -> None:
+        """Take a valid docking state, also one on which no command is due.
+
+        Args:
+            state: the newest.
+            last_applied: command in force since the state before.
+            wheels: twist measured at the wheels, None if it is not known.
+        """
+
+    def plan(self, request: Request) -> tuple[Plan, Velocity]:
+        """Plan the inputs of the next periods; with the command, within caps and rate limit, if it is usable."""

@@ -11,7 +11,7 @@ from common.messages import Command, DockingState, seal_command
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_MS, NS_PER_S
 from follower.controller.docking import DockingController, Twist
-from follower.controller.interface import make_controller
+from follower.controller.methods import make_method
 
 STATES_PER_COMMAND = 3
 # without states a command still comes, before the gate finds the last one too old: a gap pauses, it does not disarm
@@ -30,8 +30,8 @@ class ControllerNode(Node):
     def __init__(self, context: NodeContext) -> None:
         self._clock = context.clock
         self._base = context.config.base
-        self._solver = make_controller(context.config)
-        self._controller = DockingController(context.config, self._solver)
+        self._method = make_method(context.config)
+        self._controller = DockingController(context.config, self._method)
         self._deadline_ns = round(context.config.controller.deadline_ms * NS_PER_MS)
         self._last_stepped = -STATES_PER_COMMAND
         self._sequence = 0
@@ -39,7 +39,7 @@ class ControllerNode(Node):
 
     def start(self, now_ns: int) -> None:  # noqa: ARG002 - the contract's signature
         """Solve once before anything can be armed: the first solve takes many times the later ones."""
-        self._solver.warm_up()
+        self._method.warm_up()
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
         """A command on every third state, or after a gap of states; none if the solve took too long."""
@@ -58,7 +58,7 @@ class ControllerNode(Node):
             return ()
         mission = inputs.newest(MISSION)
         if mission is not None and mission.message.phase == "manual":
-            return ()  # a person's station commands: the gate takes one writer
+            return ()  # the operator's station commands: the gate takes one writer
         self._last_stepped = number
         state = received.message if third else None
         twist = self._controller.step(now_ns, state, inputs.fresh(MISSION, now_ns), wheels)
@@ -87,5 +87,5 @@ class ControllerNode(Node):
 
 
 def make(context: NodeContext) -> ControllerNode:
-    """The controller process with the configured method and solver."""
+    """The controller process with the configured method."""
     return ControllerNode(context)

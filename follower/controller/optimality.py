@@ -1,7 +1,7 @@
-"""Whether a solver's answer is the optimum that it claims to be: the Karush–Kuhn–Tucker conditions, evaluated anew.
+"""Whether a solver's answer is the optimum that it claims to be: the Karush–Kuhn–Tucker conditions, evaluated again.
 
-A solver that ends with success and a wrong answer that keeps its constraints is told by nothing else: its own
-residuals are its own claim.
+Nothing else detects a solver that reports success with a wrong answer that keeps its constraints: its own residuals
+are its own claim.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from common.geometry import Array
 
 
 def worst_complementarity(multipliers: Array, values: Array, low: Array, high: Array) -> float:
-    """Largest product of a multiplier and the distance to the bound that it says is met.
+    """Largest product of a multiplier and the distance to the bound that it claims is met.
 
     Args:
         multipliers: (k,) positive at the upper bound, negative at the lower one.
@@ -32,9 +32,18 @@ def quadratic_residual(
     solution: Array,
     multipliers: Array,
 ) -> float:
-    """Worst KKT residual, relative to 1 + the largest gradient, of min ½xᵀHx + fᵀx with bounds on [x, Ax].
+    """Worst KKT residual of min ½xᵀHx + fᵀx with bounds on [x, Ax], relative to 1 + the largest gradient.
 
-    NaN or infinite where the answer is not a number.
+    Args:
+        hessian: H, (m, m).
+        gradient: f, (m,).
+        matrix: A, (r, m).
+        bounds: lower and upper, (m + r,) each, of [x, Ax].
+        solution: x, (m,).
+        multipliers: (m + r,), positive at the upper bound.
+
+    Returns:
+        NaN or infinite where the answer is not a number.
     """
     slope = hessian @ solution + gradient + multipliers[: solution.size] + matrix.T @ multipliers[solution.size :]
     values = np.concatenate([solution, matrix @ solution])

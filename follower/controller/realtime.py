@@ -1,6 +1,6 @@
 """The default controller: the paper's problem in 3 states, by one Gauss–Newton step a period.
 
-The state is the relative pose; the features are its outputs, and the terminal cost of eq. (nmpc_problem) stays on
+The state is the relative pose; the features are its outputs, and the terminal cost of eq. (28) stays on
 them. The motion is condensed into the inputs, which are linear between knots: velocity bounds and rate limit hold at
 every step if they hold at the knots. What is left is a dense quadratic program of two variables a knot,
 solved by daqp, with soft rows for features that come near the edge of the image.
@@ -15,21 +15,16 @@ import daqp
 import numpy as np
 
 from common.config import Config, ControllerConfig, DockingConfig, LimitsConfig
-from common.geometry import Array, Pinhole, Pose2, feature_jacobian, features_at
+from common.geometry import Array, Pinhole, Pose2, features_at
 from follower.controller.drift import DriftStop, as_planned
-from follower.controller.interface import (
-    Plan,
-    PlanStatus,
-    SpeedCaps,
-    failed_plan,
-)
+from follower.controller.interface import Goal, MotionState, Plan, PlanStatus, SpeedCaps, Velocity, failed_plan
 from follower.controller.knots import KnotBasis
-from follower.controller.limits import possible_request, reachable_bounds
+from follower.controller.limits import possible_request, reachable_bounds, visibility_bounds
 from follower.controller.optimality import quadratic_residual
-from follower.controller.rollout import Rollout, features_along, roll_out
+from follower.controller.rollout import Rollout, roll_out
 from follower.controller.wheel_lag import wheel_response
+from follower.model.array import LedArray, led_by_led
 from follower.model.motion import NO_DISTURBANCE, MotionDisturbance, drifts
-from follower.paper.nmpc import visibility_bounds
 
 COLD_STEPS = 5  # without a warm start; closed loop does the rest
 CONVERGED = 1e-5
@@ -61,6 +56,7 @@ class RealtimeController:
         )
         self._cold_steps = cold_steps
         self._points_l, self._camera = points_l, camera_xyz_m
+        self._array = LedArray(points_l, camera_xyz_m)
         dv, dw = config.rate_limit
         self._limits = limits.model_copy(
             update={
@@ -90,10 +86,10 @@ class RealtimeController:
     def warm_up(self) -> None:
         """Solve from three metres before the goal, cold and then warm."""
         caps = SpeedCaps(self._limits.v_min_m_s, self._limits.v_max_m_s, self._limits.w_max_rad_s)
-        goal = features_at(self._points_l, Pose2(1.5, 0.0, 0.0), self._camera)
-        start = Pose2(4.5, 0.3, 0.1)
+        goal = Goal(features_at(self._points_l, Pose2(1.5, 0.0, 0.0), self._camera))
+        start = MotionState(Pose2(4.5, 0.3, 0.1))
         for _ in range(3):
-            self.solve(start, goal, 0.0, goal, 0.0, (0.0, 0.0), caps)
+            self.solve(start, goal, (0.0, 0.0), caps)
         self.reset()
 
     def reset(self) -> None:
@@ -101,20 +97,17 @@ class RealtimeController:
         self._warm = None
         self._stop.reset()
 
-    def solve(
-        self,
-        pose: Pose2,
-        features: Array,  # noqa: ARG002 - the pose carries what they told
-        theta_rad: float,  # noqa: ARG002
-        desired_features: Array,
-        desired_theta_rad: float,
-        last_applied: tuple[float, float],
-        caps: SpeedCaps,
-        disturbance: MotionDisturbance = NO_DISTURBANCE,
-        wheels: tuple[float, float] | None = None,
-    ) -> Plan:
-        """One step from the last solution, several from none; see :class:`PredictiveController`."""
-        desired = np.append(np.asarray(desired_features, dtype=float).reshape(-1), desired_theta_rad)
+    def solve(self, state: MotionState, goal: Goal, last_applied: Velocity, caps: SpeedCaps) -> Plan:
+        """One step from the last solution, several from none; see :class:`PredictiveController`.
+
+        Args:
+            state: pose when the command takes effect, disturbance, wheels.
+            goal: where the plan leads.
+            last_applied: command that u_0 may differ from by one step of the rate limit.
+            caps: velocity bounds now.
+        """
+        pose, disturbance, wheels = state.leader_in_follower, state.disturbance, state.wheels
+        desired = goal.outputs()
         horizon = self._knots.basis.shape[0]
         finite = np.isfinite([*pose.as_array(), *(wheels or ()), *astuple(disturbance)])
         sound = desired.size == self._terminal_weight.size and finite.all() and np.isfinite(desired).all()
@@ -134,7 +127,7 @@ class RealtimeController:
             error = np.full(desired.size, np.inf)
         return self._stop.update(error)
 
-    def _stand(self, pose: Pose2, desired: Array, last_applied: tuple[float, float]) -> Plan:
+    def _stand(self, pose: Pose2, desired: Array, last_applied: Velocity) -> Plan:
         """The plan that brakes and stays; the next one starts from it."""
         self._warm = knots = self._knots.braking(last_applied, self._step_limits)
         v, w = knots.reshape(2, -1) @ self._knots.basis.T
@@ -145,10 +138,10 @@ class RealtimeController:
         self,
         pose: Pose2,
         desired: Array,
-        last_applied: tuple[float, float],
+        last_applied: Velocity,
         caps: SpeedCaps,
         observed: MotionDisturbance,
-        wheels: tuple[float, float],
+        wheels: Velocity,
     ) -> Plan:
         """Gauss–Newton steps from the last solution, or from none."""
         horizon = self._knots.basis.shape[0]
@@ -175,7 +168,7 @@ class RealtimeController:
         rolled = self._roll_out(pose, knots, free, disturbance)
         return self._plan(rolled, knots, desired, last_applied, iterations)
 
-    def _guess(self, last_applied: tuple[float, float]) -> tuple[Array, int]:
+    def _guess(self, last_applied: Velocity) -> tuple[Array, int]:
         if self._warm is None:
             return self._knots.braking(last_applied, self._step_limits), self._cold_steps
         return (self._knots.shift @ self._warm.reshape(2, -1).T).T.reshape(-1), 1
@@ -189,7 +182,7 @@ class RealtimeController:
         rolled: Rollout,
         knots: Array,
         desired: Array,
-        last_applied: tuple[float, float],
+        last_applied: Velocity,
         lower: Array,
         upper: Array,
     ) -> tuple[PlanStatus, Array, int]:
@@ -197,7 +190,8 @@ class RealtimeController:
         horizon = self._knots.basis.shape[0]
         final = rolled.pose(horizon)
         outputs = self._outputs(final)
-        by_pose = np.vstack([feature_jacobian(self._points_l, final, self._camera), [0.0, 0.0, 1.0]])
+        _, slopes, _ = self._array.project(final.as_array()[None])
+        by_pose = np.vstack([led_by_led(slopes[0]), [0.0, 0.0, 1.0]])
         by_knots = by_pose @ self._by_knots(rolled, horizon)
         weighted = by_knots.T * self._terminal_weight
         hessian = self._hessian + 2 * weighted @ by_knots
@@ -244,20 +238,23 @@ class RealtimeController:
         low, high = self._visible
         stages = self._watched
         poses = rolled.poses()[stages]
-        seen = features_along(self._points_l, poses, self._camera)
+        features, depth = self._array.features(poses)
+        if np.any(depth <= 0):
+            raise ValueError("a point behind the camera has no image")
+        seen = features.swapaxes(1, 2).reshape(len(poses), -1)
         near = (seen < low + NEAR_EDGE) | (seen > high - NEAR_EDGE)
         rows, row_low, row_high = [np.empty((0, knots.size))], [np.empty(0)], [np.empty(0)]
         for i in np.flatnonzero(near.any(axis=1)):
             here = near[i]
-            by_pose = feature_jacobian(self._points_l, Pose2(*poses[i]), self._camera)[here]
-            by_knots = by_pose @ self._by_knots(rolled, int(stages[i]))
+            _, slopes, _ = self._array.project(poses[i : i + 1])
+            by_knots = led_by_led(slopes[0])[here] @ self._by_knots(rolled, int(stages[i]))
             offset = by_knots @ knots - seen[i, here]
             rows.append(by_knots)
             row_low.append(low[here] + offset)
             row_high.append(high[here] + offset)
         return np.vstack(rows), np.concatenate(row_low), np.concatenate(row_high)
 
-    def _bounds(self, caps: SpeedCaps, last_applied: tuple[float, float]) -> tuple[Array, Array]:
+    def _bounds(self, caps: SpeedCaps, last_applied: Velocity) -> tuple[Array, Array]:
         """Bounds of the knots (2m,); the first knot keeps the rate limit against the last command."""
         reach = reachable_bounds(caps, last_applied, self._limits, self._knots.basis.shape[0])
         v_low, v_high, w_low, w_high = (bound[self._knots.knots] for bound in reach)
@@ -266,9 +263,7 @@ class RealtimeController:
             lower[i], upper[i] = max(lower[i], last - step), min(upper[i], last + step)
         return lower, upper
 
-    def _plan(
-        self, rolled: Rollout, knots: Array, desired: Array, last_applied: tuple[float, float], iterations: int
-    ) -> Plan:
+    def _plan(self, rolled: Rollout, knots: Array, desired: Array, last_applied: Velocity, iterations: int) -> Plan:
         v, w = knots.reshape(2, -1) @ self._knots.basis.T
         states = rolled.poses()
         try:

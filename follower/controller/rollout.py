@@ -1,7 +1,7 @@
 """Where a sequence of inputs brings the Follower, and how that changes with each of them, in closed form.
 
-The exact discretisation of eq. (relative), but for the chord of each step's arc, which is taken for the arc itself:
-at 0.6 rad/s and 50 ms that is 4e-5 of the step. Disturbances scale with speed (see ``MotionDisturbance``).
+The exact discretisation of eq. (2), the relative motion, but for the chord of each step's arc, which counts for the
+arc: at 0.6 rad/s and 50 ms that is 4e-5 of the step. Disturbances scale with speed (see ``MotionDisturbance``).
 """
 
 from __future__ import annotations
@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import Array, Pose2
-from follower.model.motion import MotionDisturbance
-
-FADING_BELOW_M_S = 0.05
+from follower.model.motion import FADING_BELOW_M_S, MotionDisturbance, planned_share
 
 ComplexArray = NDArray[np.complex128]
 
@@ -71,12 +69,19 @@ class Rollout:
 
 
 def roll_out(start: Pose2, v_m_s: Array, w_rad_s: Array, period_s: float, disturbance: MotionDisturbance) -> Rollout:
-    """Motion from ``start``, the pose of {L} in {F}, with (N,) inputs held for one period each.
+    """Motion with inputs held for one period each.
 
-    The yaw stays: a plan need not know how it will fade, since every later one takes off what it then is. The
-    sideways drift, which nothing takes off, fades in proportion to the speed below ``FADING_BELOW_M_S``.
+    The yaw stays: a plan need not predict how it fades, since every later plan corrects for what it then is. The
+    sideways drift, which nothing corrects for, fades in proportion to the speed below ``FADING_BELOW_M_S``.
+
+    Args:
+        start: pose of {L} in {F}.
+        v_m_s: (N,) inputs v.
+        w_rad_s: (N,) inputs ω.
+        period_s: of one input.
+        disturbance: of a robot that moves at full speed.
     """
-    moving = np.minimum(1.0, np.abs(v_m_s) / FADING_BELOW_M_S)
+    moving = planned_share(v_m_s)
     turn = ((1.0 + disturbance.turn_gain) * w_rad_s + disturbance.yaw_rad_s) * period_s
     heading = np.empty(turn.size + 1)
     heading[0] = 0.0
@@ -89,19 +94,3 @@ def roll_out(start: Pose2, v_m_s: Array, w_rad_s: Array, period_s: float, distur
     fading = np.where(moving < 1.0, np.sign(v_m_s) / FADING_BELOW_M_S, 0.0)
     by_v = direction * (1.0 + disturbance.gain + 1j * disturbance.sideways_m_s * fading) * period_s
     return Rollout(start, heading, position, by_v, 1.0 + disturbance.turn_gain, period_s)
-
-
-def features_along(points_l: Array, poses: Array, camera_xyz_m: Array) -> Array:
-    """Features (k, 2n) from k poses.
-
-    Raises:
-        ValueError: a point lies behind the camera.
-    """
-    c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
-    depth = poses[:, :1] - camera_xyz_m[0] + c * points_l[:, 0] - s * points_l[:, 1]
-    if np.any(depth <= 0):
-        raise ValueError("a point behind the camera has no image")
-    across = camera_xyz_m[1] - poses[:, 1:2] - s * points_l[:, 0] - c * points_l[:, 1]
-    seen = np.empty((len(poses), 2 * len(points_l)))
-    seen[:, 0::2], seen[:, 1::2] = across / depth, (camera_xyz_m[2] - points_l[:, 2]) / depth
-    return seen

@@ -1,6 +1,6 @@
 """Whether spots are as bright as LEDs at the fitted pose: beam over squared distance, in an absolute band.
 
-A LED near by clips the sensor, so its peak tells nothing; the sum of its grey levels still grows with its strength.
+A LED near by clips the sensor, so its peak is no measure; the sum of its grey levels still grows with its strength.
 Strength here is the grey level that its centre would reach without clipping. The image of a LED is taken for a
 diamond, exp(−(|x| + |y|)/w), so that the area brighter than g is 2 w² ln²(S/g), and the sum its integral over g.
 """
@@ -22,7 +22,7 @@ _DIMMEST_COSINE = 0.1
 
 
 class LedBrightness:
-    """Compares with what ``leds.brightness`` says; built only where that is configured."""
+    """Compares with the configured ``leds.brightness``; built only where that is configured."""
 
     def __init__(self, leds: LedsConfig, camera: CameraConfig) -> None:
         if leds.brightness is None:
@@ -34,7 +34,11 @@ class LedBrightness:
         self._speck_px = leds.brightness.speck_px
 
     def expected(self, state: Array) -> Array:
-        """(n,) strength of each LED at a state (x, y, θ, …): grey levels at the centre, unclipped."""
+        """Strength of each LED at a pose: grey levels at its centre, unclipped, (n,).
+
+        Args:
+            state: (≥ 3,) x, y [m], θ [rad] of {L} in {F}, …
+        """
         c, s = math.cos(state[2]), math.sin(state[2])
         p = self._points
         in_f = np.stack([state[0] + c * p[:, 0] - s * p[:, 1], state[1] + s * p[:, 0] + c * p[:, 1], p[:, 2]], axis=1)
@@ -45,7 +49,12 @@ class LedBrightness:
         return strength
 
     def measured(self, mass: Array, threshold: int) -> Array:
-        """(n,) strength from the spots' masses, as :mod:`follower.estimator.spots` sums them above the threshold."""
+        """Strength from the spots' masses, (n,), as :mod:`follower.estimator.spots` sums them above the threshold.
+
+        Args:
+            mass: (n,) grey levels.
+            threshold: of the spots, grey levels.
+        """
         strength = np.geomspace(1.05 * threshold, 1e7, 400)
         top = np.minimum(strength, _WHITE)
         level = np.maximum(threshold, PEAK_FRACTION * top)
@@ -54,10 +63,16 @@ class LedBrightness:
         return found
 
     def judge(self, state: Array, mass: Array, threshold: int, light: float = 1.0) -> Verdict:
-        """Whether the spots (mass (n,), NaN where not seen) can be the LEDs at that state: all within the factor,
-        and none further than the factor from another; ``dim`` if they are so alike, but all too dim.
+        """Whether the spots can be the LEDs at that state.
 
-        ``light`` is the image's exposure times gain over the configured ones.
+        They can (``like``) if all are within the factor and none is further than the factor from another; they are
+        ``dim`` if they are so alike, but all too dim.
+
+        Args:
+            state: (≥ 3,) x, y [m], θ [rad] of {L} in {F}, …
+            mass: (n,) spot masses, NaN where not seen.
+            threshold: of the spots, grey levels.
+            light: the image's exposure times gain over the configured ones.
         """
         seen = np.isfinite(mass)
         ratio = np.log(self.measured(mass[seen], threshold) / (light * self.expected(state)[seen]))

@@ -1,6 +1,6 @@
 """What may disturb the motion: hypotheses beside each other, each a Kalman filter of its own, and their weights.
 
-A disturbance comes, changes and goes at once, at moments that nobody tells: a jump process. Its best filter weighs
+A disturbance comes, changes and goes at once, at unknown moments: a jump process. Its best filter weighs
 every history of such moments by how well it explains the images; here the likeliest few are kept. A history is its
 present *kind*, which of the four disturbances are free to be other than zero, and what it has learned since.
 """
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from common.config import DisturbanceConfig
 from common.geometry import Array, wrap_angle
-from follower.model.motion_model import DISTURBANCE, POSE, STATES
+from follower.model.motion import DISTURBANCE, POSE, STATES
 
 Kinds = NDArray[np.bool_]
 
@@ -29,7 +29,7 @@ ONSETS_PER_S = 0.1  # of any kind, while driving
 ENDS_PER_S = 0.3
 DISTURBED_AT_FIRST = 0.2  # probability that something disturbs already when the observer begins
 KEPT = 8  # histories that survive by their weight alone
-PROTECTED = 3  # newest generations, which noise may not kill before the images can tell
+PROTECTED = 3  # newest generations, which noise may not remove before the images can decide
 NEGLIGIBLE = 1e-4  # weight of a history that is dropped
 
 
@@ -82,7 +82,11 @@ class Hypotheses:
         return between
 
     def take(self, chosen: NDArray[np.int64]) -> Hypotheses:
-        """Only these."""
+        """Only these histories.
+
+        Args:
+            chosen: (c,) their indices.
+        """
         return Hypotheses(
             self.states[chosen],
             self.covariances[chosen],
@@ -101,7 +105,12 @@ class Branching:
         self._generation = 0
 
     def begin(self, pose: Array, covariance: Array) -> Hypotheses:
-        """At a pose (3,) with its covariance (3, 3): undisturbed, or disturbed already, nobody knows how."""
+        """First histories: undisturbed, or disturbed already in an unknown way.
+
+        Args:
+            pose: (3,) x, y [m], θ [rad] of {L} in {F}.
+            covariance: (3, 3) of the pose.
+        """
         kinds = np.array([QUIET, *BEGINNING])
         count = len(kinds)
         covariances = np.zeros((count, STATES, STATES))
@@ -143,7 +152,7 @@ class Branching:
         return kept
 
     def _begun(self, known: Hypotheses, parent: int, by_disturbance: Array, since_s: float) -> Hypotheses:
-        """The disturbances of each kind are drawn anew, and have acted on the pose for half of the time already."""
+        """The disturbances of each kind are drawn again, and have acted on the pose for half of the time already."""
         kinds = np.array(BEGINNING)
         acted = _acted(by_disturbance, since_s)
         covariances = known.covariances[parent] + (acted * (self._onset * kinds)[:, None, :]) @ acted.T
@@ -153,7 +162,7 @@ class Branching:
     def _ended(
         self, known: Hypotheses, parent: int, kinds: Kinds, by_disturbance: Array, since_s: float
     ) -> Hypotheses:
-        """What was known has ended half of the time ago, which is taken back; at most a simpler kind goes on."""
+        """What was estimated ended half of the time ago, which is taken back; at most a simpler kind goes on."""
         state, covariance = known.states[parent], known.covariances[parent]
         back = -0.5 * since_s * by_disturbance @ state[DISTURBANCE]
         acted = _acted(by_disturbance, since_s)

@@ -39,7 +39,12 @@ class ImageHealth:
         self._still = 0
 
     def look(self, image: Image | None, capture_ns: int) -> ImageReport:
-        """Judge one frame, in order of arrival."""
+        """Judge one frame, in order of arrival.
+
+        Args:
+            image: (h, w) uint8; None if its pixels could not be read.
+            capture_ns: its stamp.
+        """
         if image is None:
             return ImageReport(cause="no_frame")
         if image.shape != self._shape or image.dtype != np.uint8:
@@ -59,8 +64,14 @@ class ImageHealth:
         return ImageReport(exposure=exposure, background=level)
 
     def frozen(self, features: Array, moving: bool) -> bool:
-        """Whether the camera repeats itself: the same pixels and features in three frames, no sensor does that;
-        or the very same features in five while the robot moves.
+        """Whether the camera repeats itself.
+
+        It does if pixels and features are the same in three frames, which no sensor does, or the very same features
+        come in five while the robot moves.
+
+        Args:
+            features: (n, 2) of the frame that :meth:`look` judged last, NaN where not seen.
+            moving: whether the robot moves.
         """
         before, self._features = self._features, features.tobytes()
         same = self._features == before and bool(np.isfinite(features).any())

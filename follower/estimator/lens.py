@@ -26,12 +26,20 @@ class Lens:
         self._turn = mounting_rotation(camera.mount_tilt) if camera.mount_tilt.any() else None
 
     def to_normalised(self, pixels: Array) -> Array:
-        """{Π} → {I}, (n, 2)."""
+        """{Π} → {I}, (n, 2).
+
+        Args:
+            pixels: (n, 2) [px].
+        """
         seen = self._undistorted(pixels)
         return seen if self._turn is None else _turned(seen, self._turn.T)
 
     def to_pixels(self, normalised: Array) -> Array:
-        """{I} → {Π}, (n, 2)."""
+        """{I} → {Π}, (n, 2) [px].
+
+        Args:
+            normalised: (n, 2).
+        """
         return self._distorted(normalised if self._turn is None else _turned(normalised, self._turn))
 
     def _undistorted(self, pixels: Array) -> Array:
@@ -58,7 +66,11 @@ class Lens:
 
 
 def mounting_rotation(tilt_rad: Array) -> Array:
-    """(3, 3) that takes coordinates in {C} looking straight ahead to {C} as mounted: yaw, then pitch, then roll."""
+    """(3, 3) that takes coordinates in {C} looking straight ahead to {C} as mounted: yaw, then pitch, then roll.
+
+    Args:
+        tilt_rad: (3,) pitch, roll, yaw.
+    """
     (cp, cr, cy), (sp, sr, sy) = np.cos(tilt_rad), np.sin(tilt_rad)
     yaw = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
     pitch = np.array([[1.0, 0.0, 0.0], [0.0, cp, sp], [0.0, -sp, cp]])

@@ -1,7 +1,8 @@
 """Whether a mirror image of the array explains three LEDs as well as the array itself does.
 
-Four LEDs tell left from right, as the array is asymmetric. Of three, the two lower ones with the upper one nearest
-to their middle look from near by almost like their own mirror image, turned to the other side of the line of sight.
+Four LEDs distinguish left from right, as the array is asymmetric. Of three, the two lower ones with the upper one
+nearest to their middle look from near by almost like their own mirror image, turned to the other side of the line of
+sight.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from follower.estimator.planar_fit import FitModel, fit
 
 
 class MirrorCheck:
-    """Holds what depends on the array only."""
+    """Everything that depends on the array alone is computed once."""
 
     def __init__(self, model: FitModel) -> None:
         self._model = replace(model, points_l=model.points_l * [1.0, -1.0, 1.0])

@@ -14,14 +14,13 @@ from common.messages import Drives
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
 from follower.estimator.state import StateEstimator
-from follower.model.odometry import PoseIncrement, WheelOdometry
+from follower.model.odometry import FASTEST_RAD_S, PoseIncrement, WheelOdometry
 
 _NO_DOCKING = ("idle", "done", "aborted")
-_FASTEST_RAD_S = 15.0
 
 
 class EstimatorNode(Node):
-    """Steps with each frame; without one it says so at 20 Hz."""
+    """Steps with each frame; without one it publishes that at 20 Hz."""
 
     name = "follower-estimator"
     inputs = (FRAME, DRIVES, MISSION)
@@ -32,21 +31,21 @@ class EstimatorNode(Node):
         self._base = context.config.base
         self._leds = len(context.config.leds.points)
         self._reader = FrameReader(context.runtime)
-        self._odometry = WheelOdometry(self._base, max_speed_rad_s=_FASTEST_RAD_S)
+        self._odometry = WheelOdometry(self._base)
         self._measured = (0.0, 0.0)
         self._estimator = StateEstimator(context.config)
         cv2.setNumThreads(1)
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
-        """The state of the newest frame; after 100 ms without one, or if it is older than that or of a time to
-        come, an invalid state. Without a mission, or with one for other LEDs, there is no homography.
+        """The state of the newest frame; after 100 ms without one, or if it is older than that or stamped in the
+        future, an invalid state. Without a mission, or with one for other LEDs, there is no homography.
         """
         frame = inputs.arrived(FRAME)
         if frame is None and inputs.fresh(FRAME, now_ns) is not None:
             return ()
         mission = inputs.newest(MISSION)
         if mission is None or mission.message.phase in _NO_DOCKING:
-            self._estimator.let_go()
+            self._estimator.forget_track()
         twist = self._twist(inputs.fresh(DRIVES, now_ns))
         if frame is None:
             return ((DOCKING_STATE, self._estimator.no_frame(now_ns, twist)),)
@@ -68,7 +67,7 @@ class EstimatorNode(Node):
         if isinstance(moved, PoseIncrement):
             self._measured = moved.twist
         elif moved != "repeated":
-            plausible = max(map(abs, drives.wheel_speed_rad_s)) <= _FASTEST_RAD_S
+            plausible = max(map(abs, drives.wheel_speed_rad_s)) <= FASTEST_RAD_S
             self._measured = twist_from_wheels(self._base, drives.wheel_speed_rad_s) if plausible else (0.0, 0.0)
         return self._measured
 

@@ -18,24 +18,29 @@ from common.config import EstimatorConfig
 from common.geometry import Array, Pose2
 from common.timing import NS_PER_S
 from follower.estimator.hypotheses import Branching, Hypotheses
-from follower.model.motion import MotionDisturbance, share_of_drift
-from follower.model.motion_model import DISTURBANCE, POSE, advance, advance_all
+from follower.model.array import LedArray
+from follower.model.motion import (
+    DISTURBANCE,
+    POSE,
+    FadeDoubt,
+    MotionDisturbance,
+    advance,
+    advance_all,
+    share_of_drift,
+)
 
 Mask = NDArray[np.bool_]
 
 GATE_CHI2 = 16.0  # squared Mahalanobis distance of one point, 2 degrees of freedom: 1 in 3000 good ones is refused
 BRANCH_EVERY_S = 0.12
-DRIVING = 0.2  # share of the full drift below which disturbances cannot be told
-FADE_DOUBT = 0.7  # how far, of itself, a drift may be from the assumed fading when the speed has fallen to 1/e
-DOUBTED_BELOW_M_S = 0.08  # nobody knows the law by which drifts fade on the way to standstill
-STANDING_M_S = 1e-3
+DRIVING = 0.2  # share of the full drift below which disturbances cannot be observed
 
 
 class RelativeObserver:
     """Filtered pose of {L} in {F}, and the disturbance. ``reset`` before anything else."""
 
     def __init__(self, points_l: Array, camera_xyz_m: Array, config: EstimatorConfig) -> None:
-        self._array = _Array(points_l, camera_xyz_m)
+        self._array = LedArray(points_l, camera_xyz_m)
         self._config = config
         self._branching = Branching(config.disturbance)
         self._walk = np.square(config.disturbance.walk)
@@ -46,10 +51,16 @@ class RelativeObserver:
         self._by_disturbance = np.zeros((3, 4))
         self._time_ns = self._branched_ns = 0
         self._drifting = 0.0
-        self._least_m_s = STANDING_M_S
+        self._fade = FadeDoubt()
 
     def reset(self, pose: Pose2, covariance: Array, time_ns: int) -> None:
-        """Begin anew from a pose, its (3, 3) covariance [m, m, rad] and the time they belong to."""
+        """Start again.
+
+        Args:
+            pose: of {L} in {F}.
+            covariance: (3, 3) of x [m], y [m], θ [rad].
+            time_ns: the time they belong to.
+        """
         self._known = self._branching.begin(pose.as_array(), covariance)
         self._mean = None
         self._time_ns = self._branched_ns = time_ns
@@ -99,7 +110,7 @@ class RelativeObserver:
         self._mean = None
 
     def _carried(self, known: Hypotheses, slopes: Array, v_m_s: float, duration_s: float) -> Array:
-        """(k, 7, 7): the covariances moved on by (k, 3, 7) slopes of the pose, and what nobody knows added."""
+        """(k, 7, 7): the covariances moved on by (k, 3, 7) slopes of the pose, process noise added."""
         self._drifting = share_of_drift(v_m_s)
         covariances = known.covariances
         by_slopes = slopes @ covariances
@@ -109,7 +120,7 @@ class RelativeObserver:
         variances = np.einsum("kii->ki", covariances)  # a view, however they lie in memory
         variances[:, POSE] += (self._process + self._config.distance_noise**2 * abs(v_m_s)) * duration_s
         variances[:, DISTURBANCE] += known.kinds * (self._walk * (self._drifting * duration_s))
-        doubt = self._doubt(v_m_s)
+        doubt = self._fade.variance(v_m_s)
         if doubt > 0.0:
             variances[:, 5:] += doubt * known.kinds[:, 2:] * np.square(known.states[:, 5:])
         return covariances
@@ -126,8 +137,9 @@ class RelativeObserver:
         Returns:
             (n,) whether each point was used by the likeliest history; not those unseen or outside its gate.
         """
-        seen, slopes, nearest_m = self._array.look(self._known.states)
-        ahead = nearest_m > 0.0
+        seen, slopes, depth = self._array.project(self._known.states[:, POSE])
+        seen, slopes = seen.reshape(len(seen), -1), slopes.reshape(len(seen), -1, 3)
+        ahead = depth.min(axis=1) > 0.0
         if not ahead.all():
             if not ahead.any():
                 return np.zeros(len(features), dtype=bool)
@@ -189,45 +201,6 @@ class RelativeObserver:
             self._known = self._branching.branch(self._known, self._by_disturbance, since_s)
         else:
             self._known = self._branching.prune(self._known)
-
-    def _doubt(self, v_m_s: float) -> float:
-        """Variance, relative to a drift's square, that a drop of the speed to the least of late brings."""
-        speed = max(abs(v_m_s), STANDING_M_S)
-        if speed >= DOUBTED_BELOW_M_S:
-            self._least_m_s = DOUBTED_BELOW_M_S
-        slower = max(0.0, math.log(self._least_m_s / speed))
-        self._least_m_s = min(self._least_m_s, speed)
-        return FADE_DOUBT**2 * slower
-
-
-class _Array:
-    """The LEDs and the camera, for many poses at once."""
-
-    def __init__(self, points_l: Array, camera_xyz_m: Array) -> None:
-        self._camera_x, self._camera_y, camera_z = camera_xyz_m
-        self._places = points_l[:, 0] + 1j * points_l[:, 1]
-        self._heights = camera_z - points_l[:, 2]
-
-    def look(self, states: Array) -> tuple[Array, Array, Array]:
-        """Features from k states, (k, 2n), all α before all β; their slopes by the pose, (k, 2n, 3); nearest depth.
-
-        They mean nothing where the nearest depth (k,) is not positive.
-        """
-        turned = np.exp(1j * states[:, 2:3]) * self._places
-        along, left = turned.real, turned.imag
-        depth = along + (states[:, 0:1] - self._camera_x)
-        inverse, count = 1.0 / depth, len(self._places)
-        seen = np.empty((len(states), 2, count))
-        seen[:, 0] = (self._camera_y - states[:, 1:2] - left) * inverse
-        seen[:, 1] = self._heights * inverse
-        slopes = np.zeros((len(states), 2, count, 3))
-        by_depth = seen * inverse[:, None]
-        slopes[:, :, :, 0] = -by_depth
-        slopes[:, 0, :, 1] = -inverse
-        by_depth *= left[:, None]
-        by_depth[:, 0] -= along * inverse
-        slopes[:, :, :, 2] = by_depth
-        return seen.reshape(-1, 2 * count), slopes.reshape(-1, 2 * count, 3), depth.min(axis=1)
 
 
 def _gate(residual: Array, slopes: Array, covariances: Array, visible: Mask) -> tuple[Mask, Array]:

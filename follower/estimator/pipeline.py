@@ -1,4 +1,4 @@
-"""Frame → Detection: spots, identification or tracking, both routes to θ, and why a frame says nothing.
+"""Frame → Detection: spots, identification or tracking, the fitted pose, and why a frame is of no use.
 
 A new lock is used only after it has held for some frames. When the array is lost, the state is carried on by
 the measured twist for a while and the array looked for around it; after that, in the whole image, but only where
@@ -28,7 +28,6 @@ from follower.estimator.single_fit import PlanarFit, fit_one, levelled
 from follower.estimator.spots import NoisyImageError, SpotRule, Spots, brightest, find_spots, find_spots_near
 from follower.estimator.tracking import ArrayTracker, Followed, nearest_within, predict_features, predict_state
 from follower.model.dead_reckoning import DeadReckoning
-from follower.paper.homography import array_normal, theta_from_homography
 
 TILT_SIGMA_RAD = math.radians(0.7)
 MOST_CANDIDATES = 40
@@ -70,7 +69,6 @@ class Perception:
         self._points = config.leds.points
         self._mount = camera.mount
         self._height = self._mount[2] - self._points[:, 2]
-        self._normal = array_normal(self._points)
         sigma = estimator.pixel_sigma_px / self._focal_px
         self._model = FitModel(self._points, self._mount, sigma, TILT_SIGMA_RAD)
         self._identifier = Identifier(self._model, Limits())
@@ -83,8 +81,8 @@ class Perception:
         self._failures = 0
         self._light = 1.0
 
-    def let_go(self) -> None:
-        """No docking goes on: the next array may be another one, anywhere."""
+    def forget_track(self) -> None:
+        """No docking in progress: the next array may be a different one, anywhere."""
         self._reckoning.forget()
 
     def process(
@@ -93,7 +91,6 @@ class Perception:
         frame_sequence: int,
         capture_ns: int,
         twist: tuple[float, float],
-        desired_features: Array | None,
         predicted: Pose2 | None = None,
         light: float = 1.0,
     ) -> Detection:
@@ -104,7 +101,6 @@ class Perception:
             frame_sequence: the camera's count.
             capture_ns: middle of the exposure.
             twist: measured (v [m/s], ω [rad/s]) of {F} around the capture.
-            desired_features: (n, 2) normalised features at the goal; None: no homography.
             predicted: pose of {L} in {F} at the capture as the observer expects it; where the array was not seen
                 in the last frame, it is looked for there.
             light: the frame's exposure times gain over the configured ones.
@@ -133,11 +129,7 @@ class Perception:
         if not detection.valid or detection.pose is None or detection.covariance is None:
             return detection
         self._reckoning.seen(detection.pose, detection.covariance, capture_ns)
-        if desired_features is None:
-            return detection
-        expected = predicted or detection.pose
-        theta = theta_from_homography(detection.features, desired_features, self._normal, expected.theta_rad)
-        return replace(detection, theta_homography_rad=theta)
+        return detection
 
     def drive(self, now_ns: int, twist: tuple[float, float]) -> None:
         """No frame came: drive on without sight, with the (v [m/s], ω [rad/s]) measured until now."""
@@ -185,7 +177,7 @@ class Perception:
         if elapsed_ns > _KEEP_NS:
             return None
         state = predict_state(track.state, twist, elapsed_ns / NS_PER_S)
-        if predicted is not None and track.unseen_frames > 0:  # just seen, the last fit knows better, tilt included
+        if predicted is not None and track.unseen_frames > 0:  # just seen, the last fit is better, tilt included
             state[:3] = predicted.as_array()
         if self._settings.method == "paper":
             found = self._nearest(image, rule, track, twist, elapsed_ns / NS_PER_S)
@@ -207,10 +199,10 @@ class Perception:
             return None
         cause: StateCause = "coasting"
         if unseen_ns > self._settings.coast_ms * NS_PER_MS:
-            anew = self._identified(image, rule, nothing)
+            found_again = self._identified(image, rule, nothing)
             if self._track is not None:
-                return anew
-            cause = anew.cause
+                return found_again
+            cause = found_again.cause
         self._track = replace(
             track,
             capture_ns=nothing.capture_ns,
@@ -223,7 +215,7 @@ class Perception:
     def _nearest(
         self, image: Image, rule: SpotRule, track: _Track, twist: tuple[float, float], elapsed_s: float
     ) -> Followed | int:
-        """The paper's way: each LED's nearest spot within the gate around eq. (feature_prediction)."""
+        """As in the paper: each LED's nearest spot within the gate around its prediction, eq. (17)."""
         expected = predict_features(track.features, self._height, self._mount, twist, elapsed_s)
         expected_px = self._lens.to_pixels(expected)
         spots = find_spots_near(image, expected_px, _REGION_HALF_PX, rule)

@@ -1,6 +1,6 @@
 """Pose of the array by Gauss–Newton on its features: x, y, θ on the floor, camera pitch and roll under a prior.
 
-Model: eq. (featurepoint), then the camera's own tilt away from its mounting, then eq. (depthscale). A planar
+Model: :mod:`follower.model.array`, with the camera's own tilt away from its mounting. A planar
 fit without the tilt takes 0.3° of pitch for tens of centimetres of distance; with it as a state under a prior
 the same pitch costs a few. Many hypotheses are fitted at once, as identification needs it;
 :mod:`follower.estimator.single_fit` does the same for one, several times faster.
@@ -9,20 +9,21 @@ the same pitch costs a few. Many hypotheses are fitted at once, as identificatio
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import Array
+from follower.model.array import NEAREST_M, LedArray
 
-NEAREST_M = 0.05
 CONVERGED = 1e-4
 MAX_STEP = np.array([1.5, 1.5, 0.5, 0.1, 0.1])
 
 
 @dataclass(frozen=True)
 class FitModel:
-    """What the fit knows: LEDs in {L}, camera in {F}, and how much to trust what.
+    """LEDs in {L}, camera in {F}, and the standard deviations of features and tilt.
 
     Attributes:
         points_l: (n, 3) LEDs in {L} [m].
@@ -35,6 +36,11 @@ class FitModel:
     camera_xyz_m: Array
     sigma: float
     tilt_sigma_rad: float
+
+    @cached_property
+    def array(self) -> LedArray:
+        """The projection of these LEDs."""
+        return LedArray(self.points_l, self.camera_xyz_m)
 
 
 @dataclass(frozen=True)
@@ -57,11 +63,17 @@ class Fits:
 
 
 def project(model: FitModel, states: Array) -> tuple[Array, Array, Array]:
-    """Features of states (K, 5): ``(features (K, n, 2), Jacobian (K, n, 2, 5), depth (K, n))``."""
-    image, jacobian, depth = _image(model, states)
-    count, leds = depth.shape
-    features = image.reshape(count, 2, leds).transpose(0, 2, 1)
-    return features, jacobian.reshape(count, 2, leds, 5).transpose(0, 2, 1, 3), depth
+    """Features of many states, for those who want them LED by LED.
+
+    Args:
+        model: array and camera.
+        states: (K, 5) x, y [m], θ, pitch, roll [rad].
+
+    Returns:
+        Features (K, n, 2), Jacobian (K, n, 2, 5), depths (K, n) [m].
+    """
+    image, jacobian, depth = model.array.project(states)
+    return image.swapaxes(1, 2), jacobian.swapaxes(1, 2), depth
 
 
 def fit(model: FitModel, features: Array, start: Array, iterations: int = 6) -> Fits:
@@ -81,14 +93,14 @@ def fit(model: FitModel, features: Array, start: Array, iterations: int = 6) -> 
     weight = both / model.sigma**2
     prior = np.array([0.0, 0.0, 0.0, 1.0, 1.0]) / model.tilt_sigma_rad**2
     for _ in range(iterations):
-        image, jacobian, _ = _image(model, states)
+        image, jacobian, _ = _stacked(model, states)
         information, gradient = _normal_equations(measured - image, jacobian, weight, prior, states)
         step = np.linalg.solve(information, gradient)[:, :, 0]
         np.minimum(np.maximum(step, -MAX_STEP, out=step), MAX_STEP, out=step)
         states += step
         if np.abs(step).max(initial=0.0) < CONVERGED:
             break
-    image, jacobian, depth = _image(model, states)
+    image, jacobian, depth = _stacked(model, states)
     error = measured - image
     information, _ = _normal_equations(error, jacobian, weight, prior, states)
     squared = error**2
@@ -102,41 +114,11 @@ def fit(model: FitModel, features: Array, start: Array, iterations: int = 6) -> 
     )
 
 
-def _image(model: FitModel, states: Array) -> tuple[Array, Array, Array]:
+def _stacked(model: FitModel, states: Array) -> tuple[Array, Array, Array]:
     """Coordinates (K, 2n), all α then all β, their Jacobian (K, 2n, 5) and the depths (K, n)."""
-    t_x, t_y, t_z = model.camera_xyz_m
-    points = model.points_l
-    leds = len(points)
-    c, s = np.cos(states[:, 2:3]), np.sin(states[:, 2:3])
-    cp, sp = np.cos(states[:, 3:4]), np.sin(states[:, 3:4])
-    cr, sr = np.cos(states[:, 4:5]), np.sin(states[:, 4:5])
-    # eq. (featurepoint), untilted
-    forward = points[:, 0] * c - points[:, 1] * s
-    left = points[:, 0] * s + points[:, 1] * c
-    x = (t_y - states[:, 1:2]) - left
-    y = t_z - points[:, 2]
-    z = (states[:, 0:1] - t_x) + forward
-    # the camera's tilt: pitch, then roll
-    y1, depth = y * cp + z * sp, z * cp - y * sp
-    x2, y2 = x * cr + y1 * sr, y1 * cr - x * sr
-    inverse = 1.0 / np.maximum(depth, NEAREST_M)
-    image = np.concatenate([x2 * inverse, y2 * inverse], axis=1)
-    alpha, beta = image[:, :leds], image[:, leds:]
-    # derivatives by x, y, θ, pitch, roll; those of X and Z by θ are −forward and −left
-    jacobian = np.empty((len(states), 2 * leds, 5))
-    top, bottom = jacobian[:, :leds], jacobian[:, leds:]
-    top[:, :, 0] = (sp * sr - alpha * cp) * inverse
-    bottom[:, :, 0] = (sp * cr - beta * cp) * inverse
-    top[:, :, 1] = -cr * inverse
-    bottom[:, :, 1] = sr * inverse
-    top[:, :, 2] = (left * (alpha * cp - sp * sr) - forward * cr) * inverse
-    bottom[:, :, 2] = (left * (beta * cp - sp * cr) + forward * sr) * inverse
-    lift = y1 * inverse
-    top[:, :, 3] = alpha * lift + sr * depth * inverse
-    bottom[:, :, 3] = beta * lift + cr * depth * inverse
-    top[:, :, 4] = beta
-    bottom[:, :, 4] = -alpha
-    return image, jacobian, depth
+    image, jacobian, depth = model.array.project(states)
+    rows = 2 * depth.shape[1]
+    return image.reshape(-1, rows), jacobian.reshape(-1, rows, 5), depth
 
 
 def _normal_equations(

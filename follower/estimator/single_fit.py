@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 
 from common.geometry import Array, Pose2, wrap_angle
-from follower.estimator.planar_fit import CONVERGED, MAX_STEP, NEAREST_M, FitModel
+from follower.estimator.planar_fit import CONVERGED, MAX_STEP, FitModel
+from follower.model.array import NEAREST_M, project_led, tilt_of
 
 _STEPS = tuple(float(step) for step in MAX_STEP)
-_Rows = tuple[list[float], list[float], float, float, float]
 
 
 @dataclass(frozen=True)
@@ -50,15 +50,26 @@ class PlanarFit:
 
 
 def features_of(model: FitModel, state: Array) -> Array:
-    """Features (n, 2) of one state x, y, θ, pitch, roll."""
+    """Features (n, 2) of one state.
+
+    Args:
+        model: array and camera.
+        state: (5,) x, y [m], θ, pitch, roll [rad].
+    """
     values, mount = state.tolist(), tuple(model.camera_xyz_m.tolist())
-    tilt = _cos_sin(values)
-    rows = [_rows(tuple(point), values, mount, tilt) for point in model.points_l.tolist()]
+    tilt = tilt_of(values)
+    rows = [project_led(tuple(point), values, mount, tilt) for point in model.points_l.tolist()]
     return np.array([(alpha, beta) for _, _, alpha, beta, _ in rows])
 
 
 def levelled(features: Array, pitch_rad: float, roll_rad: float) -> Array:
-    """Features (n, 2) as the camera would see them without its tilt; NaN stays NaN."""
+    """Features (n, 2) as the camera would see them without its tilt; NaN stays NaN.
+
+    Args:
+        features: (n, 2) normalised.
+        pitch_rad: of the camera, up.
+        roll_rad: of the camera, right side down.
+    """
     cp, sp, cr, sr = math.cos(pitch_rad), math.sin(pitch_rad), math.cos(roll_rad), math.sin(roll_rad)
     level = []
     for alpha, beta in features.tolist():
@@ -69,10 +80,19 @@ def levelled(features: Array, pitch_rad: float, roll_rad: float) -> Array:
 
 
 def fit_one(model: FitModel, features: Array, start: Array, iterations: int = 6) -> PlanarFit | None:
-    """Fit one hypothesis, features (n, 2) with NaN where not seen; None where a LED left the camera's view.
+    """Fit one hypothesis.
 
     Once a step is below 1e-4, residuals follow it to first order and the covariance is that of before it: what
     another evaluation would change does not show in eight digits.
+
+    Args:
+        model: array, camera and weights.
+        features: (n, 2) normalised, NaN where a LED is not seen.
+        start: (5,) x, y [m], θ, pitch, roll [rad].
+        iterations: Gauss–Newton steps at most.
+
+    Returns:
+        None where a LED left the camera's view or the LEDs seen do not determine the pose.
     """
     seen = [
         (row, alpha, beta, tuple(point))
@@ -114,12 +134,12 @@ def _linearised(
     seen: list[tuple[int, float, float, tuple[float, ...]]], state: list[float], mount: tuple[float, ...]
 ) -> tuple[Array, Array, float]:
     """Jacobian (2m, 5) and error (2m,) of the seen LEDs, depth of the nearest one."""
-    tilt = _cos_sin(state)
+    tilt = tilt_of(state)
     jacobian: list[list[float]] = []
     error: list[float] = []
     nearest = math.inf
     for _, alpha, beta, point in seen:
-        along, across, model_alpha, model_beta, depth = _rows(point, state, mount, tilt)
+        along, across, model_alpha, model_beta, depth = project_led(point, state, mount, tilt)
         jacobian += [along, across]
         error += [alpha - model_alpha, beta - model_beta]
         nearest = min(nearest, depth)
@@ -133,38 +153,3 @@ def _covariance(jacobian: Array, weight: float, prior: float) -> Array | None:
     information[4, 4] += prior
     regular, covariance = cv2.invert(information, flags=cv2.DECOMP_CHOLESKY)  # a quarter of numpy's time
     return np.asarray(covariance, dtype=np.float64) if regular else None
-
-
-def _rows(point: tuple[float, ...], state: list[float], mount: tuple[float, ...], tilt: tuple[float, ...]) -> _Rows:
-    """Derivatives of α and of β by x, y, θ, pitch, roll, then α, β and the depth of one LED."""
-    c, s, cp, sp, cr, sr = tilt
-    forward = point[0] * c - point[1] * s
-    left = point[0] * s + point[1] * c
-    x = mount[1] - state[1] - left
-    y = mount[2] - point[2]
-    z = state[0] - mount[0] + forward
-    y1, depth = y * cp + z * sp, z * cp - y * sp
-    x2, y2 = x * cr + y1 * sr, y1 * cr - x * sr
-    inverse = 1.0 / max(depth, NEAREST_M)
-    alpha, beta = x2 * inverse, y2 * inverse
-    lift, straight = y1 * inverse, depth * inverse
-    along = [
-        (sp * sr - alpha * cp) * inverse,
-        -cr * inverse,
-        (left * (alpha * cp - sp * sr) - forward * cr) * inverse,
-        alpha * lift + sr * straight,
-        beta,
-    ]
-    across = [
-        (sp * cr - beta * cp) * inverse,
-        sr * inverse,
-        (left * (beta * cp - sp * cr) + forward * sr) * inverse,
-        beta * lift + cr * straight,
-        -alpha,
-    ]
-    return along, across, alpha, beta, depth
-
-
-def _cos_sin(state: list[float]) -> tuple[float, ...]:
-    """Cosine and sine of θ, pitch and roll."""
-    return tuple(part for angle in state[2:] for part in (math.cos(angle), math.sin(angle)))

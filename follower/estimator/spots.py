@@ -1,4 +1,4 @@
-"""From grey levels to spots with sub-pixel centroids: eqs. (grayscale), (moment_defination), (moment_point)."""
+"""From grey levels to spots with sub-pixel centroids: eqs. (14)–(16), threshold, moments, centroid."""
 
 from __future__ import annotations
 
@@ -54,15 +54,13 @@ class Spots:
         return len(self.mass)
 
     def take(self, rows: Array | list[int]) -> Spots:
-        """The given rows only."""
+        """The given rows only.
+
+        Args:
+            rows: their indices.
+        """
         picked = np.asarray(rows, dtype=np.intp)
-        return Spots(
-            self.pixels[picked],
-            self.mass[picked],
-            self.peak[picked],
-            self.size_px[picked],
-            self.elongation[picked],
-        )
+        return Spots(*(values[picked] for values in vars(self).values()))
 
 
 @dataclass(frozen=True)
@@ -85,20 +83,30 @@ _Row = tuple[float, float, float, float, float, float, float]
 
 
 def find_spots(image: Image, rule: SpotRule) -> Spots:
-    """All spots of the image, (h, w) uint8.
+    """All spots of the image.
+
+    Args:
+        image: (h, w) uint8.
+        rule: what counts as a spot.
 
     Raises:
-        NoisyImageError: there are too many of them.
+        NoisyImageError: there are too many.
     """
     height, width = image.shape
     return _gather(_spots_in(image, (0, 0, width, height), rule))
 
 
 def find_spots_near(image: Image, centres: Array, half_px: int, rule: SpotRule) -> Spots:
-    """Spots in the square regions of ±``half_px`` around predicted ``centres`` (n, 2) [px].
+    """Spots in square regions around predicted centres.
 
     Overlapping regions are joined first, so that no spot is found twice. A spot that touches the edge of its
     region, yet not that of the image, is left out: part of it is missing.
+
+    Args:
+        image: (h, w) uint8.
+        centres: (n, 2) [px].
+        half_px: half the side of a region.
+        rule: what counts as a spot.
     """
     height, width = image.shape
     rows: list[_Row] = []
@@ -110,7 +118,11 @@ def find_spots_near(image: Image, centres: Array, half_px: int, rule: SpotRule) 
 
 
 def background(image: Image) -> tuple[float, float]:
-    """Median grey level of a sparse sample, and the saturated part of it, 0 … 1."""
+    """Median grey level of a sparse sample, and the saturated part of it, 0 … 1.
+
+    Args:
+        image: (h, w) uint8.
+    """
     counts = np.bincount(image[16::32, 16::32].ravel(), minlength=256).cumsum()
     total = int(counts[-1])
     return float(np.searchsorted(counts, total // 2, side="right")), 1.0 - float(counts[SATURATED - 1]) / total

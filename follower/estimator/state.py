@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import astuple
+from importlib import import_module
 
 import numpy as np
 
@@ -16,10 +18,12 @@ from follower.estimator.detection import Detection
 from follower.estimator.observer import RelativeObserver
 from follower.estimator.pipeline import Perception
 
-# frames in a row that the observer may refuse before it starts anew from what perception sees
+# frames in a row that the observer may refuse before it restarts from what perception sees
 _REFUSED_LIMIT = 6
 _RESET_INFLATION = 4.0
 _HOMOGRAPHY_SIGMA_RAD = math.radians(3.0)  # of one frame: the noise of θ that the paper simulates
+
+ThetaRoute = Callable[[Array, Array, float], float | None]
 
 
 class StateEstimator:
@@ -31,6 +35,7 @@ class StateEstimator:
         self._observer = RelativeObserver(config.leds.points, config.camera.mount, config.estimator)
         self._sigma = config.estimator.pixel_sigma_px / config.camera.lens.fx_px
         self._by_homography = config.estimator.method == "paper"
+        self._homography = _homography_route(config)
         self._coast_ns = round(config.estimator.coast_ms * NS_PER_MS)
         self._measured_ns: int | None = None
         self._refused = 0
@@ -38,10 +43,10 @@ class StateEstimator:
         self._seen = 0
         self._dropped = 0
 
-    def let_go(self) -> None:
-        """No docking goes on: once lost, the array may be another one, anywhere. Nothing while it is in sight."""
+    def forget_track(self) -> None:
+        """No docking in progress: once lost, the array may be a different one. Does nothing while it is in sight."""
         if self._measured_ns is None:
-            self._perception.let_go()
+            self._perception.forget_track()
 
     def step(
         self, frame: Frame, image: Image | None, twist: tuple[float, float], desired_features: Array | None
@@ -52,7 +57,7 @@ class StateEstimator:
             frame: its note; gaps in its sequence count as dropped frames.
             image: (h, w) pixels, None if they were overwritten before they could be read.
             twist: measured (v [m/s], ω [rad/s]) of {F}.
-            desired_features: (n, 2) at the goal, for the homography; None before there is a mission.
+            desired_features: (n, 2) at the goal, for the paper's homography; None before there is a mission.
         """
         if self._frame_sequence and frame.sequence > self._frame_sequence:
             self._dropped += frame.sequence - self._frame_sequence - 1
@@ -60,17 +65,12 @@ class StateEstimator:
         self._seen += image is not None
         self._dropped += image is None
         camera = self._config.camera
-        detection = self._perception.process(
-            image,
-            frame.sequence,
-            frame.capture_ns,
-            twist,
-            desired_features,
-            self._expected(frame.capture_ns, twist),
-            frame.exposure_us * frame.gain / (camera.exposure_us * camera.gain),
-        )
-        self._filter(detection, twist)
-        return self._state(detection, frame.capture_ns)
+        expected = self._expected(frame.capture_ns, twist)
+        light = frame.exposure_us * frame.gain / (camera.exposure_us * camera.gain)
+        detection = self._perception.process(image, frame.sequence, frame.capture_ns, twist, expected, light)
+        theta_homography_rad = self._theta_by_homography(detection, desired_features, expected)
+        self._filter(detection, twist, theta_homography_rad)
+        return self._state(detection, frame.capture_ns, theta_homography_rad)
 
     def no_frame(self, now_ns: int, twist: tuple[float, float], cause: StateCause = "no_frame") -> DockingState:
         """The state when no frame came, or none that may be looked at: the last pose, not valid.
@@ -85,7 +85,15 @@ class StateEstimator:
     def _expected(self, capture_ns: int, twist: tuple[float, float]) -> Pose2 | None:
         return self._observer.pose_at(capture_ns, *twist) if self._measured_ns is not None else None
 
-    def _filter(self, detection: Detection, twist: tuple[float, float]) -> None:
+    def _theta_by_homography(
+        self, detection: Detection, desired_features: Array | None, expected: Pose2 | None
+    ) -> float | None:
+        """θ_L^F [rad] of the paper's homography; None where no method reads it or it has no solution."""
+        if self._homography is None or desired_features is None or not detection.valid or detection.pose is None:
+            return None
+        return self._homography(detection.features, desired_features, (expected or detection.pose).theta_rad)
+
+    def _filter(self, detection: Detection, twist: tuple[float, float], theta_homography_rad: float | None) -> None:
         capture_ns = detection.capture_ns
         if self._measured_ns is not None:
             if capture_ns - self._measured_ns > self._coast_ns or capture_ns < self._measured_ns:
@@ -94,7 +102,9 @@ class StateEstimator:
                 self._observer.predict(capture_ns, *twist)
         if not detection.valid or detection.pose is None or detection.covariance is None:
             return
-        heading = self._heading(detection)
+        heading = None
+        if self._by_homography and theta_homography_rad is not None:
+            heading = theta_homography_rad, _HOMOGRAPHY_SIGMA_RAD
         if self._measured_ns is not None:
             used = self._observer.update(detection.features_level, self._sigma, heading)
             self._refused = 0 if used.sum() >= len(used) - 1 else self._refused + 1
@@ -106,13 +116,9 @@ class StateEstimator:
             self._refused = 0
         self._measured_ns = capture_ns
 
-    def _heading(self, detection: Detection) -> tuple[float, float] | None:
-        """θ_L^F and its standard deviation [rad] by the paper's method, where the homography has a solution."""
-        if not self._by_homography or detection.theta_homography_rad is None:
-            return None
-        return detection.theta_homography_rad, _HOMOGRAPHY_SIGMA_RAD
-
-    def _state(self, detection: Detection, capture_ns: int) -> DockingState:
+    def _state(
+        self, detection: Detection, capture_ns: int, theta_homography_rad: float | None = None
+    ) -> DockingState:
         valid = self._measured_ns is not None
         cause = detection.cause  # the frame's own, also while the pose is carried on without it
         pose = self._observer.pose
@@ -131,7 +137,7 @@ class StateEstimator:
             leds_seen=detection.leds_seen,
             features=tuple(None if np.isnan(a) else (float(a), float(b)) for a, b in detection.features),
             features_filtered=filtered,
-            theta_homography_rad=detection.theta_homography_rad,
+            theta_homography_rad=theta_homography_rad,
             x_m=pose.x_m,
             y_m=pose.y_m,
             theta_rad=pose.theta_rad,
@@ -165,3 +171,11 @@ def _turned(pose: Pose2, covariance: Array, heading: tuple[float, float]) -> tup
 def _row(matrix: Array) -> tuple[float, ...]:
     """A (3, 3) matrix row by row."""
     return tuple(float(value) for value in matrix.reshape(-1))
+
+
+def _homography_route(config: Config) -> ThetaRoute | None:
+    """The paper's θ where one of the paper's methods reads it; its module is imported only then."""
+    if config.estimator.method != "paper" and not config.controller.method.startswith("paper"):
+        return None
+    route: ThetaRoute = import_module("follower.paper.homography").route(config.leds.points)
+    return route

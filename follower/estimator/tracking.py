@@ -33,20 +33,40 @@ _FEWEST = 3
 def predict_features(
     features: Array, height_difference_m: Array, camera_xyz_m: Array, twist: tuple[float, float], duration_s: float
 ) -> Array:
-    """Features (n, 2) after the Follower drove ``twist`` = (v [m/s], ω [rad/s]): eq. (feature_prediction)."""
+    """Features (n, 2) after the Follower drove a twist: eq. (17), prediction by the interaction matrix.
+
+    Args:
+        features: (n, 2) normalised, before.
+        height_difference_m: (n,) Δh = Z_C − Z_P per LED.
+        camera_xyz_m: ξ in {F} [m].
+        twist: v [m/s], ω [rad/s].
+        duration_s: for how long.
+    """
     flow = interaction_matrix(features, height_difference_m, camera_xyz_m) @ np.array(twist)
     predicted: Array = features + flow * duration_s
     return predicted
 
 
 def predict_state(state: Array, twist: tuple[float, float], duration_s: float) -> Array:
-    """State (x, y, θ, pitch, roll) after the twist; the camera's tilt stays."""
+    """State after the twist; the camera's tilt stays.
+
+    Args:
+        state: (5,) x, y [m], θ, pitch, roll [rad].
+        twist: v [m/s], ω [rad/s].
+        duration_s: for how long.
+    """
     moved = move_relative(Pose2(float(state[0]), float(state[1]), float(state[2])), *twist, duration_s)
     return np.array([moved.x_m, moved.y_m, moved.theta_rad, state[3], state[4]])
 
 
 def nearest_within(predicted_px: Array, spots_px: Array, gate_px: float) -> Chosen:
-    """Spot of each predicted LED: the nearest within the gate, each spot at most once, −1 where there is none."""
+    """Spot of each predicted LED: the nearest within the gate, each spot at most once, −1 where there is none.
+
+    Args:
+        predicted_px: (n, 2).
+        spots_px: (m, 2).
+        gate_px: farthest that a spot may be.
+    """
     chosen = [-1] * len(predicted_px)
     if not len(spots_px):
         return chosen
@@ -65,6 +85,12 @@ def moved_together(predicted_px: Array, spots_px: Array, allowed: NDArray[np.boo
 
     Camera tilt moves all LEDs alike, a lamp behind them does not. Every allowed pair proposes its shift; the one
     wins under which most LEDs have an allowed spot within the gate, and among equals the closest.
+
+    Args:
+        predicted_px: (n, 2).
+        spots_px: (m, 2).
+        allowed: (n, m) which spot may be which LED.
+        gate_px: farthest that a spot may be after the shift.
     """
     pairs: list[list[int]] = np.argwhere(allowed).tolist()
     if len(pairs) == len(predicted_px) == len({led for led, _ in pairs}) == len({spot for _, spot in pairs}):

@@ -1,8 +1,8 @@
-"""Where the array must be since it was last seen: its last fit, carried on by the wheels, with what that may be off.
+"""Where the array must be since it was last seen: its last pose, carried on by the wheels, and how far it may be off.
 
-Two like arrays cannot be told apart by their looks, only by where they are. The uncertainty grows while driving as if
-a disturbance of the configured size had begun with the last sight of the array; a floor holds what no model knows.
-It ends where a neighbouring array would pass: who drove on blindly for longer stays unsure.
+Two identical arrays cannot be told apart by their looks, only by where they are. The uncertainty grows while driving
+as if a disturbance of the configured size had begun with the last sight of the array; a floor covers what no model
+describes. It ends where a neighbouring array would pass: whoever drove on blindly for longer stays unsure.
 """
 
 from __future__ import annotations
@@ -10,10 +10,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import EstimatorConfig
+from common.config import BaseConfig, EstimatorConfig
 from common.geometry import Array, Pose2, wrap_angle
+from common.messages import DockingState, Drives
 from common.timing import NS_PER_S
-from follower.model.motion_model import DISTURBANCE, POSE, STATES, advance
+from follower.model.motion import DISTURBANCE, POSE, STATES, advance
+from follower.model.odometry import PoseIncrement, WheelOdometry
 
 AGREES_CHI2 = 16.3  # 3 degrees of freedom: 1 in 1000 true ones is refused
 _FLOOR = (0.10, 0.10, 0.05)  # m, m, rad
@@ -21,7 +23,7 @@ _FARTHEST_OFF_M = 0.25  # standard deviation; a gate wider than some 1.1 m would
 
 
 class DeadReckoning:
-    """Pose of {L} in {F} without sight of it; knows nothing until :meth:`seen`."""
+    """Pose of {L} in {F} without sight of it; unknown until :meth:`seen`."""
 
     def __init__(self, config: EstimatorConfig) -> None:
         self._disturbance = np.diag(np.square(config.disturbance.onset_sigma))
@@ -37,8 +39,10 @@ class DeadReckoning:
         return self._time_ns is not None
 
     @property
-    def pose(self) -> Pose2:
-        """Expected pose of {L} in {F} at the time of the last ``drive`` or ``seen``."""
+    def leader_in_follower(self) -> Pose2 | None:
+        """Expected pose of {L} in {F} at the time of the last ``drive`` or ``seen``; None if it is not known."""
+        if self._time_ns is None:
+            return None
         self._carry_on()
         x, y, theta = self._state[POSE].tolist()
         return Pose2(x, y, wrap_angle(theta))
@@ -47,8 +51,15 @@ class DeadReckoning:
         """From now on the array may be anywhere."""
         self._time_ns = self._next = None
 
-    def seen(self, pose: Pose2, covariance: Array, time_ns: int) -> None:
-        """Begin anew from a fit and its (3, 3) covariance of x [m], y [m], θ [rad]."""
+    def seen(self, leader_in_follower: Pose2, covariance: Array, time_ns: int) -> None:
+        """Start again from a pose that was seen.
+
+        Args:
+            leader_in_follower: the pose of {L} in {F}.
+            covariance: (3, 3) of its x [m], y [m], θ [rad].
+            time_ns: when it held; :meth:`drive` goes on from there.
+        """
+        pose = leader_in_follower
         self._time_ns, self._next = time_ns, None
         self._state = np.array([pose.x_m, pose.y_m, pose.theta_rad, 0.0, 0.0, 0.0, 0.0])
         self._covariance = np.zeros((STATES, STATES))
@@ -71,8 +82,16 @@ class DeadReckoning:
         self._covariance = transition @ self._covariance @ transition.T
         self._time_ns = time_ns
 
-    def agrees(self, states: Array, covariance: Array) -> NDArray[np.bool_]:
-        """(K,) whether fits (K, ≥ 3) with covariance (K, ≥ 3, ≥ 3) can be that array; all, if none was ever seen."""
+    def agrees(self, states: Array, covariances: Array) -> NDArray[np.bool_]:
+        """Which fits can be of that array.
+
+        Args:
+            states: (k, ≥ 3) fits, each beginning with the pose x [m], y [m], θ [rad] of {L} in {F}.
+            covariances: (k, ≥ 3, ≥ 3) theirs.
+
+        Returns:
+            (k,); true for all if no array was ever seen.
+        """
         if self._time_ns is None:
             return np.ones(len(states), dtype=np.bool_)
         self._carry_on()
@@ -80,7 +99,46 @@ class DeadReckoning:
         step[:, 2] = np.arctan2(np.sin(step[:, 2]), np.cos(step[:, 2]))
         grown = self._covariance[POSE, POSE]
         widest = float(np.linalg.eigvalsh(grown[:2, :2])[-1])
-        spread = covariance[:, :3, :3] + grown * min(1.0, _FARTHEST_OFF_M**2 / max(widest, 1e-12)) + self._floor
+        spread = covariances[:, :3, :3] + grown * min(1.0, _FARTHEST_OFF_M**2 / max(widest, 1e-12)) + self._floor
         chi2 = (step * np.linalg.solve(spread, step[:, :, None])[:, :, 0]).sum(axis=1)
         agreed: NDArray[np.bool_] = chi2 <= AGREES_CHI2
         return agreed
+
+
+class WheelReckoning:
+    """Dead reckoning by what the bus carries: the drives' measured angles, docking states.
+
+    A state counts as one of the last measurement of the wheels: what the robot drove in between is within the floor.
+    """
+
+    def __init__(self, base: BaseConfig, config: EstimatorConfig) -> None:
+        self._odometry = WheelOdometry(base)
+        self._reckoning = DeadReckoning(config)
+        self._measured_ns: int | None = None
+
+    @property
+    def leader_in_follower(self) -> Pose2 | None:
+        """Pose of {L} in {F} now; None before the first sight, and again after a jump of the wheels' encoders."""
+        return self._reckoning.leader_in_follower
+
+    def drive(self, drives: Drives) -> None:
+        """Carry on to a measurement of the wheels."""
+        moved = self._odometry.advance(drives.measured_ns, drives.wheel_angle_rad)
+        if moved == "repeated":
+            return
+        self._measured_ns = drives.measured_ns
+        if moved == "jump":
+            self._reckoning.forget()
+        elif isinstance(moved, PoseIncrement):
+            self._reckoning.drive(drives.measured_ns, moved.twist)
+
+    def seen(self, state: DockingState) -> None:
+        """Start again from a valid state."""
+        time_ns = state.capture_ns if self._measured_ns is None else self._measured_ns
+        pose = Pose2(state.x_m, state.y_m, state.theta_rad)
+        self._reckoning.seen(pose, np.array(state.covariance).reshape(3, 3), time_ns)
+
+    def agrees(self, state: DockingState) -> bool:
+        """Whether a state can be of the array that was seen before; also if none was."""
+        pose = np.array([[state.x_m, state.y_m, state.theta_rad]])
+        return bool(self._reckoning.agrees(pose, np.array(state.covariance).reshape(1, 3, 3))[0])

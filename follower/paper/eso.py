@@ -1,4 +1,4 @@
-"""The paper's extended state observer of features, heading and lumped disturbance: eq. (eso)."""
+"""The paper's extended state observer of features, heading and lumped disturbance, eq. (19)."""
 
 from __future__ import annotations
 
@@ -20,12 +20,16 @@ class ExtendedStateObserver:
         self.disturbance = np.zeros(size)
 
     def reset(self, measured: Array) -> None:
-        """Begin at the measured state (2n+1,), undisturbed."""
+        """Start at a measured state, undisturbed.
+
+        Args:
+            measured: (2n+1,) features and θ.
+        """
         self.state = np.array(measured, dtype=float)
         self.disturbance = np.zeros_like(self.state)
 
     def update(self, measured: Array, v_m_s: float, w_rad_s: float, duration_s: float) -> None:
-        """One Euler step of eq. (eso) over ``duration_s``, with the input of that time.
+        """One Euler step of eq. (19), the extended state observer.
 
         The state is carried on to the time of the measurement before the two are compared: compared one frame too
         early, it would run one frame ahead of the robot.
@@ -34,7 +38,10 @@ class ExtendedStateObserver:
         disturbance is frozen. The estimate is bounded, so that it cannot wind up.
 
         Args:
-            measured: y, (2n+1,): features and θ at the end of that time.
+            measured: y, (2n+1,): features and θ at the end of the step.
+            v_m_s: input v during the step.
+            w_rad_s: input ω during the step.
+            duration_s: of the step.
         """
         valid = bool(np.isfinite(measured).all())
         at = measured if valid else self.state
@@ -47,7 +54,7 @@ class ExtendedStateObserver:
 
 
 def error_bound(bandwidth_rad_s: float, horizon_s: float = 60.0) -> float:
-    """κ + σ of the paper's bound |ε_i| ≤ μ ε_a(0) + γ (κ + σ), for one state and its disturbance.
+    """κ + σ of eq. (23), the component bound |ε_i| ≤ μ ε_a(0) + γ (κ + σ), for one state and its disturbance.
 
     With these gains ``e^{At}`` is known in closed form; the suprema are taken over a fine grid.
     """

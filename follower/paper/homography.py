@@ -9,6 +9,7 @@ is a pure rotation and is read as such.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -25,7 +26,11 @@ Rows = list[list[float]]
 
 
 def array_normal(points_l: Array) -> Array:
-    """Unit normal of the array's plane in an untilted {C} at θ_L^F = 0, pointing away from the camera, (3,)."""
+    """Unit normal of the array's plane in an untilted {C} at θ_L^F = 0, pointing away from the camera, (3,).
+
+    Args:
+        points_l: (n, 3) LEDs in {L} [m].
+    """
     centred = points_l - points_l.mean(axis=0)
     normal_l = np.linalg.svd(centred)[2][2]
     normal = np.array([-normal_l[1], -normal_l[2], normal_l[0]])
@@ -66,6 +71,20 @@ def theta_from_homography(
     if _is_rotation(matrix, scale):
         return _heading(matrix)
     return _choose(matrix, rays, normal, predicted_theta_rad)
+
+
+def route(points_l: Array) -> Callable[[Array, Array, float | None], float | None]:
+    """:func:`theta_from_homography` of one array: current features, desired features, predicted θ → θ.
+
+    Args:
+        points_l: (n, 3) LEDs in {L} [m].
+    """
+    normal = array_normal(points_l)
+
+    def theta(current: Array, desired: Array, predicted_theta_rad: float | None) -> float | None:
+        return theta_from_homography(current, desired, normal, predicted_theta_rad)
+
+    return theta
 
 
 def _in_front(matrix: Rows, rays: list[list[float]]) -> Rows:

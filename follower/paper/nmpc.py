@@ -1,4 +1,4 @@
-"""The paper's visual predictive control problem, eq. (nmpc_problem), as a CasADi NLP.
+"""The paper's visual predictive control problem, eq. (28), as a CasADi NLP.
 
 Solved by fatrop, an interior-point method for optimal control, or by IPOPT, the reference. The state it starts
 from is handed in: whether measured or filtered is the caller's choice.
@@ -7,22 +7,16 @@ from is handed in: whether measured or filtered is the caller's choice.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 
 from common.config import Config, ControllerConfig, LimitsConfig
 from common.geometry import Array, Pinhole, Pose2, features_at
-from follower.controller.interface import (
-    Plan,
-    PlanStatus,
-    SpeedCaps,
-    failed_plan,
-)
-from follower.controller.limits import possible_request, reachable_bounds
+from follower.controller.interface import FeatureState, Goal, Plan, PlanStatus, SpeedCaps, Velocity, failed_plan
+from follower.controller.limits import possible_request, reachable_bounds, visibility_bounds
 from follower.controller.optimality import worst_complementarity
-from follower.model.motion import NO_DISTURBANCE, MotionDisturbance
 from follower.paper.model import extended_state, flipped_features
 from follower.paper.transcription import Transcription
 
@@ -60,14 +54,6 @@ class ProblemShape:
         return self.stage * self.horizon + self.state + 3
 
 
-def visibility_bounds(pinhole: Pinhole, margin_px: float, points: int) -> tuple[Array, Array]:
-    """s_min, s_max of eq. (nmpc_problem): (2n,) each, the image less a margin."""
-    corners = np.array([[margin_px, margin_px], [pinhole.width_px - 1, pinhole.height_px - 1]])
-    corners[1] -= margin_px
-    low, high = pinhole.to_normalised(corners)
-    return np.tile(low, points), np.tile(high, points)
-
-
 class PaperNmpc:
     """The paper's NMPC with an interior-point solver: fatrop, or IPOPT as the reference."""
 
@@ -93,34 +79,31 @@ class PaperNmpc:
     def warm_up(self) -> None:
         """Solve from three metres before the goal, twice: cold and from the first solution."""
         caps = SpeedCaps(self._limits.v_min_m_s, self._limits.v_max_m_s, self._limits.w_max_rad_s)
-        goal = features_at(self._points_l, Pose2(1.5, 0.0, 0.0), self._camera)
+        goal = Goal(features_at(self._points_l, Pose2(1.5, 0.0, 0.0), self._camera))
         start = Pose2(4.5, 0.3, 0.1)
-        features = features_at(self._points_l, start, self._camera)
+        state = FeatureState(features_at(self._points_l, start, self._camera), start.theta_rad)
         for _ in range(2):
-            self.solve(start, features, start.theta_rad, goal, 0.0, (0.0, 0.0), caps)
+            self.solve(state, goal, (0.0, 0.0), caps)
         self.reset()
 
     def reset(self) -> None:
         """Forget the last solution."""
         self._warm = None
 
-    def solve(
-        self,
-        pose: Pose2,  # noqa: ARG002 - the paper's state is features and θ
-        features: Array,
-        theta_rad: float,
-        desired_features: Array,
-        desired_theta_rad: float,
-        last_applied: tuple[float, float],
-        caps: SpeedCaps,
-        disturbance: MotionDisturbance = NO_DISTURBANCE,  # noqa: ARG002 - the nominal model has none
-        wheels: tuple[float, float] | None = None,  # noqa: ARG002 - nor a lag
-    ) -> Plan:
-        """Solve eq. (nmpc_problem) from x_init = [features, θ]; see :class:`PredictiveController`."""
+    def solve(self, state: FeatureState, goal: Goal, last_applied: Velocity, caps: SpeedCaps) -> Plan:
+        """Solve eq. (28), the predictive problem, from x_init; see :class:`PredictiveController`.
+
+        Args:
+            state: x_init: features and θ.
+            goal: where the plan leads.
+            last_applied: command that u_0 may differ from by one step of the rate limit.
+            caps: velocity bounds now.
+        """
         shape, points = self._shape, (self._shape.points, 2)
-        start = extended_state(features, theta_rad)
-        desired = extended_state(desired_features, desired_theta_rad)
-        measured = np.shape(features) == np.shape(desired_features) == points and bool(
+        features = state.features
+        start = extended_state(features, state.theta_rad)
+        desired = goal.outputs()
+        measured = np.shape(features) == np.shape(goal.features) == points and bool(
             np.all(np.abs(np.concatenate([start, desired])) <= MOST_OFF_AXIS)
         )
         if not measured or not possible_request(caps, last_applied, self._limits):
@@ -134,7 +117,7 @@ class PaperNmpc:
         self._warm = None
         try:
             answer = self._solver(x0=guess, p=parameters, lbx=low, ubx=high, lbg=lower, ubg=upper)
-        except RuntimeError:  # CasADi's way of reporting that a solver broke off
+        except RuntimeError:  # so CasADi reports that a solver broke off
             return failed_plan(PlanStatus.NUMERICAL_FAILURE, shape.horizon, shape.state)
         stats = self._solver.stats()
         if not stats["success"] or not self._optimal(answer, parameters, low, high):
@@ -188,7 +171,7 @@ class PaperNmpc:
         bounds = np.array(nlp.lower), np.array(nlp.upper)
         return ca.nlpsol("paper_nmpc", solver, problem, options), nlp.lagrangian_slope(), bounds
 
-    def _variable_bounds(self, caps: SpeedCaps, last_applied: tuple[float, float]) -> tuple[Array, Array]:
+    def _variable_bounds(self, caps: SpeedCaps, last_applied: Velocity) -> tuple[Array, Array]:
         """Bounds of u and σ; a cap below the speed now driven is reached as fast as the rate limit allows."""
         shape = self._shape
         low = np.full(shape.variables, -np.inf)
@@ -200,12 +183,12 @@ class PaperNmpc:
         low[slack - 1], high[slack - 1] = w_low, w_high
         return low, high
 
-    def _hold(self, start: Array, last_applied: tuple[float, float]) -> Array:
+    def _hold(self, start: Array, last_applied: Velocity) -> Array:
         """A cold guess: the state stays as it is."""
         stage = np.concatenate([start, last_applied, last_applied, [0.0]])
         return np.concatenate([np.tile(stage, self._shape.horizon), start, last_applied, [0.0]])
 
-    def _shifted(self, start: Array, last_applied: tuple[float, float]) -> Array:
+    def _shifted(self, start: Array, last_applied: Velocity) -> Array:
         """The last solution one period later, begun at the new state, its last input held."""
         assert self._warm is not None
         shape = self._shape
@@ -217,13 +200,8 @@ class PaperNmpc:
         return guess
 
 
-def make(config: Config) -> PaperNmpc:
-    """The controller of a configuration; ``controller.solver`` is ``fatrop`` or ``ipopt``."""
+def make(config: Config, solver: Literal["fatrop", "ipopt"]) -> PaperNmpc:
+    """The paper's controller of a configuration with one of its two solvers."""
     return PaperNmpc(
-        config.leds.points,
-        config.camera.mount,
-        config.camera.pinhole,
-        config.controller,
-        config.limits,
-        config.controller.solver,
+        config.leds.points, config.camera.mount, config.camera.pinhole, config.controller, config.limits, solver
     )

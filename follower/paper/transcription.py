@@ -1,4 +1,4 @@
-"""Eq. (nmpc_problem) written out stage by stage, in the order that fatrop's structure detection reads."""
+"""Eq. (28), the predictive problem, stage by stage, in the order that fatrop's structure detection reads."""
 
 from __future__ import annotations
 

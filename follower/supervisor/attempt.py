@@ -11,9 +11,9 @@ from common.geometry import Array, Pose2, features_at
 from common.kinematics import path_from_wheels
 from common.messages import Drives
 from common.timing import NS_PER_S
+from follower.model.dead_reckoning import WheelReckoning
 from follower.standstill import Standstill
 from follower.supervisor.interface import Grip, SupervisorInputs
-from follower.supervisor.reckoning import PoseReckoning
 
 # a stop for a passing cause is re-armed this often within this time; more often the cause is not a passing one
 MAX_REARMED, REARMED_WITHIN_S = 3, 20.0
@@ -35,7 +35,7 @@ class Attempt:
     trolley: int
     epoch: int
     taught: Mapping[int, Array] | None
-    reckoning: PoseReckoning
+    reckoning: WheelReckoning
     standstill: Standstill
     grip: Grip = "closed"
     armed: bool = False
@@ -81,7 +81,7 @@ class Attempt:
 
     def to_goal_m(self) -> float | None:
         """Distance to the goal along the axis of {F}, from the last valid state and odometry; None if unknown."""
-        pose = self.reckoning.pose
+        pose = self.reckoning.leader_in_follower
         return None if pose is None else pose.x_m - self.goal.x_m
 
     def unwell(self, inputs: SupervisorInputs) -> str:

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from common.config import Config
-from common.geometry import Array, Pose2, feature_jacobian
+from common.geometry import Array, Pose2
+from follower.model.array import feature_jacobian
 
 _STEPS = 600
 _FRAME_TILT_RAD = 0.01  # of the camera on its suspension: uncertainty of pitch and roll

@@ -14,6 +14,7 @@ from common.config import Config
 from common.geometry import Array
 from common.messages import Answer, DockRequest, Drives, FollowerSummary, Mission, Phase
 from common.timing import NS_PER_S
+from follower.model.dead_reckoning import WheelReckoning
 from follower.standstill import Standstill
 from follower.supervisor.attempt import Attempt, stopped_by_silence
 from follower.supervisor.interface import Grip, PhaseOutputs, PhaseResult, SupervisorInputs, SupervisorOutputs
@@ -23,7 +24,6 @@ from follower.supervisor.phases.contact import InsertPhase, PushPhase
 from follower.supervisor.phases.lock import LockPhase, ReleasePhase, RetractPhase
 from follower.supervisor.phases.phase import PhaseLogic
 from follower.supervisor.phases.staging import StagingPhase
-from follower.supervisor.reckoning import PoseReckoning
 from follower.supervisor.transitions import ENDED, FREE, IN_CONTACT, Event, next_phase
 
 _SILENT_NS = NS_PER_S // 4
@@ -77,7 +77,7 @@ class DockingSequence:
         self._resets = 0
         self._before_ns: int | None = None
         self._drives_silent_ns = 0
-        self._reckoning = PoseReckoning(config.base)
+        self._reckoning = WheelReckoning(config.base, config.estimator)
         self._standstill = Standstill(config.base)
         self._attempt = self._new_attempt(1, None, "closed")
         self._apart: bool | None = None
@@ -137,7 +137,7 @@ class DockingSequence:
 
     def _clear_of_queue(self, inputs: SupervisorInputs) -> bool:
         """By estimate and odometry; the queue is as long as the Leader counts, or as the trolley touched last."""
-        pose, leader = self._reckoning.pose, inputs.leader
+        pose, leader = self._reckoning.leader_in_follower, inputs.leader
         if pose is None or leader is None or leader.queue is None:
             return False
         next_one = max(leader.queue + 1, self._touched_trolley)

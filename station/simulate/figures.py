@@ -115,7 +115,8 @@ def draw_time_series(record: DockingRecord, path: Path) -> Path:
     origin_ns = record.states[0].capture_ns
     seconds = np.array([(state.capture_ns - origin_ns) / NS_PER_S for state in record.states])
     measured = [np.nan if s.theta_homography_rad is None else s.theta_homography_rad for s in record.states]
-    axes[0].plot(seconds, np.degrees(np.array(measured)), ".", ms=2, color="0.6", label="θ homography")
+    if np.isfinite(measured).any():  # the paper's methods alone measure it
+        axes[0].plot(seconds, np.degrees(np.array(measured)), ".", ms=2, color="0.6", label="θ homography")
     filtered = [s.theta_rad if s.valid else np.nan for s in record.states]
     axes[0].plot(seconds, np.degrees(np.array(filtered)), color="tab:blue", label="θ filtered")
     if record.truth:

@@ -308,7 +308,7 @@ class DockingWalk:
 
     def _is_apart(self, seen: SupervisorInputs) -> bool:
         """The trolley was let go, or is by sight and odometry well before where the next one goes."""
-        pose = self.sequence.attempt.reckoning.pose
+        pose = self.sequence.attempt.reckoning.leader_in_follower
         if seen.arms is not None and seen.arms.released:
             return True
         if pose is None or seen.leader is None or seen.leader.queue is None:

@@ -105,7 +105,7 @@ def test_a_killed_launcher_takes_its_processes_with_it(sim_run: Any) -> None:
         (("--set", "camera.gain=-1.0"), "camera.gain"),
         (("--set", "world.wheel_lagg_s=1.0"), "wheel_lagg_s: unknown key"),
         (("--set", "camera.driver='nikon'"), "camera.driver"),
-        (("--set", "controller.solver='magic'"), "controller.solver"),
+        (("--set", "controller.method='magic'"), "controller.method"),
         (("--config", "absent.toml"), "absent.toml: cannot be read"),
         (("--start", "6,1"), "write 3 numbers"),
         (("--start", "1.2,0,0"), "inside the Leader"),

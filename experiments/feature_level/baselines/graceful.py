@@ -35,7 +35,7 @@ class FilteredPose:
         self.pose = first
 
     def predict(self, moved: Pose2) -> None:
-        """The wheels say that the robot moved: pose of the new {F} in the old one."""
+        """The robot moved, by the wheels: pose of the new {F} in the old one."""
         self.pose = moved.inverse().compose(self.pose)
 
     def correct(self, detected: Pose2) -> None:

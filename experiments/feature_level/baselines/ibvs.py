@@ -10,7 +10,14 @@ GAIN_1_S = 0.5
 
 
 def ibvs(features: Array, desired: Array, height_difference_m: Array, camera_xyz_m: Array) -> tuple[float, float]:
-    """Velocity (v, ω) from the features seen, (n, 2), NaN for the others; standstill with fewer than two."""
+    """Velocity v [m/s], ω [rad/s]; standstill with fewer than two features.
+
+    Args:
+        features: (n, 2) normalised, NaN where not seen.
+        desired: (n, 2) s*.
+        height_difference_m: (n,) Δh = Z_C − Z_P per point.
+        camera_xyz_m: ξ in {F} [m].
+    """
     seen = np.isfinite(features[:, 0])
     if seen.sum() < 2:
         return 0.0, 0.0

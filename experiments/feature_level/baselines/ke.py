@@ -45,7 +45,11 @@ class KeController:
         self._inputs = np.zeros(2 * HORIZON)
 
     def solve(self, state: Array) -> tuple[float, float]:
-        """Velocity (v, ω) for the state ``[θ, x, y]``."""
+        """Velocity v [m/s], ω [rad/s].
+
+        Args:
+            state: (3,) ``[θ, x, y]``, heading [rad] and place of the goal in {F} [m].
+        """
         inputs = np.concatenate([np.append(half[1:], half[-1]) for half in self._inputs.reshape(2, -1)])
         for _ in range(NEWTON_STEPS):
             states, by_inputs = _roll_out(state, inputs)

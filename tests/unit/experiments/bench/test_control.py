@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
@@ -19,11 +18,11 @@ def test_bench_counts_what_a_solver_leaves_unsolved_and_what_it_gets_wrong() -> 
     setting = method_config(CONFIG, "paper")
     problems = bench_control.record_problems(setting, 8, 1)
     assert sum(problem.timed for problem in problems) == 8
-    assert problems[-1].pose.x_m < 1.55  # to the arrival, not only the first metres
-    timing = bench_control.time_solver(setting, "gauss_newton", problems)
+    assert problems[-1].motion.leader_in_follower.x_m < 1.55  # to the arrival, not only the first metres
+    timing = bench_control.time_solver(setting, "davpc", problems)
     assert timing.failures == timing.silent_failures == 0
     assert 0 < timing.median_ms <= timing.p99_ms <= timing.max_ms
-    *_, beyond = bench_control.worst_difference(setting, "gauss_newton", problems, every=1)
+    *_, beyond = bench_control.worst_difference(setting, "davpc", problems, every=1)
     assert beyond == 0
 
 
@@ -34,13 +33,13 @@ def test_bench_counts_a_first_input_far_from_the_converged_one(monkeypatch: pyte
 
     class Slower:
         def __init__(self) -> None:
-            self._inner = true(setting, "gauss_newton")
+            self._inner = true(setting, "davpc")
             self.reset = self._inner.reset
 
-        def solve(self, *arguments: Any) -> Plan:
-            plan = self._inner.solve(*arguments)
+        def solve(self, problem: bench_control.Problem) -> Plan:
+            plan = self._inner.solve(problem)
             return replace(plan, v_m_s=plan.v_m_s - 0.02)
 
     monkeypatch.setattr(bench_control, "_make", lambda *_: Slower())
-    *_, beyond = bench_control.worst_difference(setting, "gauss_newton", problems, every=1)
+    *_, beyond = bench_control.worst_difference(setting, "davpc", problems, every=1)
     assert beyond == len(problems)

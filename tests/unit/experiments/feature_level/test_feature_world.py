@@ -25,12 +25,12 @@ def make(disturbances: Disturbances, start: Pose2 | None = None, noise_px: float
 @given(st.floats(-0.1, 0.5), st.floats(-0.6, 0.6))
 def test_undisturbed_world_moves_as_the_model_without_sharing_it(v: float, w: float) -> None:
     world = make(Disturbances())
-    expected = world.pose.inverse()
+    expected = world.follower_in_leader.inverse()
     world.command = (v, w)
     for _ in range(20):
         world.advance(0.05)
         expected = move_relative(expected, v, w, 0.05)
-    np.testing.assert_allclose(world.pose.inverse().as_array(), expected.as_array(), atol=1e-5)
+    np.testing.assert_allclose(world.follower_in_leader.inverse().as_array(), expected.as_array(), atol=1e-5)
 
 
 @given(st.floats(-8.0, -1.0), st.floats(-1.0, 1.0), st.floats(-0.6, 0.6))
@@ -53,9 +53,9 @@ def test_pads_act_only_where_they_lie_and_on_a_robot_that_moves() -> None:
     on.command = off.command = (0.2, 0.0)
     for world in (on, off, still):
         world.advance(1.0)
-    assert on.pose.y_m == pytest.approx(0.04, rel=1e-6)
-    assert off.pose.y_m == 0.0
-    assert still.pose.y_m == 0.0
+    assert on.follower_in_leader.y_m == pytest.approx(0.04, rel=1e-6)
+    assert off.follower_in_leader.y_m == 0.0
+    assert still.follower_in_leader.y_m == 0.0
 
 
 def test_drifts_fade_by_a_law_of_the_worlds_own() -> None:
@@ -64,14 +64,14 @@ def test_drifts_fade_by_a_law_of_the_worlds_own() -> None:
         world = make(bias if knee is None else replace(bias, drift_knee_m_s=knee), Pose2(-3.0, 0.0, 0.0))
         world.command = (speed, 0.0)
         world.advance(1.0)
-        assert world.pose.theta_rad == pytest.approx(0.05 * share, rel=1e-6)
+        assert world.follower_in_leader.theta_rad == pytest.approx(0.05 * share, rel=1e-6)
 
 
 def test_no_fade_rows_are_cases_of_their_own() -> None:
     assert list(DISTURBANCES)[10:] == ["yaw_bias_no_fade", "late_pads_load_lag_bias_no_fade"]
     still = make(DISTURBANCES["yaw_bias_no_fade"], Pose2(-3.0, 0.0, 0.0))
     still.advance(1.0)
-    assert still.pose.theta_rad == 0.0
+    assert still.follower_in_leader.theta_rad == 0.0
 
 
 def test_what_is_out_of_the_image_is_not_measured() -> None:

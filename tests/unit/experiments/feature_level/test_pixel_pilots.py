@@ -57,11 +57,11 @@ def test_a_command_acts_after_the_latency() -> None:
     assert world.wheels == (0.0, 0.0)
     world.advance(1 / 60)
     assert world.wheels[0] == pytest.approx(0.2, rel=1e-3)
-    assert world.pose.x_m - NEAR_START.x_m == pytest.approx(0.2 * (2 / 60 - 0.020), rel=0.02)
+    assert world.follower_in_leader.x_m - NEAR_START.x_m == pytest.approx(0.2 * (2 / 60 - 0.020), rel=0.02)
 
 
 def test_perception_sees_the_array_of_the_true_pose() -> None:
-    world = PixelWorld(CONFIG, NEAR_START, [1, 0], DISTURBANCES["none"])
+    world = PixelWorld(pixel_config(CONFIG, "ibvs"), NEAR_START, [1, 0], DISTURBANCES["none"])
     seen = world.measure(0)
     assert np.isnan(seen.features).all()  # a new lock has to be confirmed
     for frame in range(1, 6):

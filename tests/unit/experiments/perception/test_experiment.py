@@ -15,7 +15,7 @@ from common.geometry import Pose2, features_at
 from experiments.bench import perception as bench_perception
 from experiments.perception import experiment as perception
 from experiments.perception.approach import approach, wrong_leds
-from experiments.perception.identification import CASES, IdentificationCase, identification_rates
+from experiments.perception.identification import CASES, LampCase, identification_rates
 from experiments.perception.pose_bound import pose_bound, theta_errors
 from experiments.perception.scene_counts import BANDS_M, band_metrics, scene_metrics
 from follower.estimator.state import StateEstimator
@@ -39,7 +39,7 @@ def test_bound_grows_with_distance_and_noise(config: Config) -> None:
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_identification_is_rather_silent_than_wrong(config: Config, case: IdentificationCase) -> None:
+def test_identification_is_rather_silent_than_wrong(config: Config, case: LampCase) -> None:
     rates = identification_rates(config, case, frames=30, seed=3)
     assert rates["false_percent"] == 0.0
     if case.leds_lit and case.lamps == 0:

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from common.config import default_config_path, load_config
 from common.geometry import Pose2, features_at
+from follower.controller import realtime
 from follower.controller.drift import DriftStop, as_planned
-from follower.controller.interface import SpeedCaps, make_controller
-from follower.controller.rollout import FADING_BELOW_M_S
-from follower.model.motion import NO_DISTURBANCE, MotionDisturbance
+from follower.controller.interface import Goal, MotionState, SpeedCaps
+from follower.model.motion import FADING_BELOW_M_S, NO_DISTURBANCE, MotionDisturbance
 
 CONFIG = load_config(default_config_path())
 POINTS, CAMERA, LIMITS = CONFIG.leds.points, CONFIG.camera.mount, CONFIG.limits
@@ -53,12 +53,12 @@ def test_standing_has_a_hysteresis() -> None:
 
 @pytest.mark.parametrize(("disturbance", "stands"), [(DRIFTING, True), (NO_DISTURBANCE, False)])
 def test_a_drifting_robot_near_the_goal_brakes_and_stays(disturbance: MotionDisturbance, stands: bool) -> None:
-    controller = make_controller(CONFIG)
+    controller = realtime.make(CONFIG)
     caps = SpeedCaps(LIMITS.v_min_m_s, LIMITS.v_max_m_s, LIMITS.w_max_rad_s)
-    goal = features_at(POINTS, CONFIG.docking.goal(1), CAMERA)
+    goal = Goal(features_at(POINTS, CONFIG.docking.goal(1), CAMERA))
     here, last = Pose2(1.508, 0.001, 0.001), (0.02, 0.01)
-    first = controller.solve(here, goal, 0.0, goal, 0.0, last, caps, disturbance, last)
+    first = controller.solve(MotionState(here, disturbance, last), goal, last, caps)
     assert first.usable
     assert abs(first.first[0] - last[0]) <= LIMITS.controller_dv_m_s
-    second = controller.solve(here, goal, 0.0, goal, 0.0, first.first, caps, disturbance, first.first)
+    second = controller.solve(MotionState(here, disturbance, first.first), goal, first.first, caps)
     assert (second.first == (0.0, 0.0)) == stands

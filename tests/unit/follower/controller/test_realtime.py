@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config import Config, default_config_path, load_config
+from common.config import default_config_path, load_config
 from common.errors import ConfigError
 from common.geometry import Array, Pose2, features_at, move_relative, pose_from_paper_start
 from follower.controller import realtime
-from follower.controller.interface import PlanStatus, SpeedCaps, make_controller
+from follower.controller.interface import Goal, MotionState, PlanStatus, SpeedCaps
 from follower.controller.knots import KnotBasis
 from follower.controller.realtime import RealtimeController
 from follower.controller.rollout import roll_out
@@ -25,13 +25,9 @@ from follower.model.motion import NO_DISTURBANCE, MotionDisturbance
 PERIOD_S = 0.05
 
 
-def _config() -> Config:
-    return load_config(default_config_path(), ['controller.solver="gauss_newton"'])
-
-
-CONFIG = _config()
+CONFIG = load_config(default_config_path())
 POINTS, CAMERA = CONFIG.leds.points, CONFIG.camera.mount
-GOAL = features_at(POINTS, CONFIG.docking.goal(1), CAMERA)
+GOAL = Goal(features_at(POINTS, CONFIG.docking.goal(1), CAMERA))
 LIMITS, REALTIME = CONFIG.limits, CONFIG.controller.realtime
 CAPS = SpeedCaps(LIMITS.v_min_m_s, LIMITS.v_max_m_s, LIMITS.w_max_rad_s)
 PAPER_STARTS = [(6, 1.5, 0), (8, 1, -30), (7, -0.5, -45), (4, -1, 45), (6.2, 1.6, -45)]
@@ -43,9 +39,7 @@ disturbances = st.builds(
 
 
 def make() -> RealtimeController:
-    controller = make_controller(CONFIG)
-    assert isinstance(controller, RealtimeController)
-    return controller
+    return realtime.make(CONFIG)
 
 
 def features(pose: Pose2) -> Array:
@@ -118,7 +112,7 @@ def test_every_plan_keeps_speed_and_rate_limits(
     controller = make()
     caps = SpeedCaps(-0.1, v_cap, w_cap)
     for _ in range(3):
-        plan = controller.solve(pose, features(pose), pose.theta_rad, GOAL, 0.0, (v, w), caps, disturbance)
+        plan = controller.solve(MotionState(pose, disturbance), GOAL, (v, w), caps)
         assert plan.usable, plan.status
         slack, (dv, dw) = 1e-6, REALTIME.rate_limit
         assert np.abs(np.diff(plan.v_m_s, prepend=v)).max() <= dv + slack
@@ -137,7 +131,7 @@ def test_every_plan_keeps_speed_and_rate_limits(
 def test_a_start_out_of_view_is_solved_and_turned_into_view() -> None:
     pose = pose_from_paper_start(3.0, 0.0, np.radians(-64.0)).inverse()
     assert CONFIG.camera.pinhole.to_pixels(features(pose))[:, 0].min() < 0
-    plan = make().solve(pose, GOAL, 0.0, GOAL, 0.0, (0.0, 0.0), CAPS)
+    plan = make().solve(MotionState(pose), GOAL, (0.0, 0.0), CAPS)
     assert plan.usable
     pixels = CONFIG.camera.pinhole.to_pixels(features(Pose2(*plan.states[-1])))
     assert pixels[:, 0].min() > 0
@@ -151,8 +145,8 @@ def test_docks_from_the_papers_starts(start: tuple[float, float, float], disturb
     applied = wheels = (0.0, 0.0)
     response, free = wheel_response(1, PERIOD_S, REALTIME.wheel_lag_ms * 1e-3)
     for _ in range(600):
-        told = acting(disturbance, wheels[0])
-        plan = controller.solve(pose, GOAL, 0.0, GOAL, 0.0, applied, CAPS, told, wheels)
+        acting_now = acting(disturbance, wheels[0])
+        plan = controller.solve(MotionState(pose, acting_now, wheels), GOAL, applied, CAPS)
         assert plan.usable, plan.status
         applied = plan.first
         driven = response[0, 0] * np.array(applied) + free[0] * np.array(wheels)
@@ -184,7 +178,7 @@ def test_solver_that_fails_or_lies_is_caught(
         return np.full(len(hessian), answer), 0.0, flag, {"iterations": 1, "lam": np.zeros(3 * len(hessian))}
 
     monkeypatch.setattr(daqp, "solve", lying)
-    plan = make().solve(Pose2(3.0, 0.0, 0.0), GOAL, 0.0, GOAL, 0.0, (0.0, 0.0), CAPS)
+    plan = make().solve(MotionState(Pose2(3.0, 0.0, 0.0)), GOAL, (0.0, 0.0), CAPS)
     assert plan.status is status
     assert not plan.usable
     assert not plan.v_m_s.any()
@@ -203,7 +197,7 @@ def test_a_feasible_lie_is_caught(monkeypatch: pytest.MonkeyPatch, own_multiplie
             multipliers[: len(gradient)] = -(hessian @ wrong + gradient)
         return wrong, value, flag, info | {"lam": multipliers}
 
-    arguments = (Pose2(3.0, 0.1, 0.1), GOAL, 0.0, GOAL, 0.0, (0.0, 0.0), CAPS)
+    arguments = (MotionState(Pose2(3.0, 0.1, 0.1)), GOAL, (0.0, 0.0), CAPS)
     assert make().solve(*arguments).usable
     monkeypatch.setattr(daqp, "solve", lying)
     assert make().solve(*arguments).status is PlanStatus.NUMERICAL_FAILURE
@@ -220,18 +214,18 @@ def test_impossible_commands_and_caps_are_a_status(bad: float) -> None:
         (good, SpeedCaps(0.3, 0.2, 0.6)),
         (good, SpeedCaps(-0.1, 0.3, -0.1)),
     ):
-        assert make().solve(pose, GOAL, 0.0, GOAL, 0.0, applied, caps).status is PlanStatus.INVALID_INPUT
-    unknown = make().solve(pose, GOAL, 0.0, GOAL, 0.0, good, CAPS, wheels=(float("nan"), 0.0))
+        assert make().solve(MotionState(pose), GOAL, applied, caps).status is PlanStatus.INVALID_INPUT
+    unknown = make().solve(MotionState(pose, wheels=(float("nan"), 0.0)), GOAL, good, CAPS)
     assert unknown.status is PlanStatus.INVALID_INPUT
 
 
 def test_invalid_input_is_a_status() -> None:
     nowhere = Pose2(float("nan"), 0.0, 0.0)
-    plan = make().solve(nowhere, GOAL, 0.0, GOAL, 0.0, (0.0, 0.0), CAPS)
+    plan = make().solve(MotionState(nowhere), GOAL, (0.0, 0.0), CAPS)
     assert plan.status is PlanStatus.INVALID_INPUT
-    missing = GOAL.copy()
+    missing = GOAL.features.copy()
     missing[0] = np.nan
-    assert make().solve(Pose2(3.0, 0.0, 0.0), GOAL, 0.0, missing, 0.0, (0.0, 0.0), CAPS).status is plan.status
+    assert make().solve(MotionState(Pose2(3.0, 0.0, 0.0)), Goal(missing), (0.0, 0.0), CAPS).status is plan.status
 
 
 def test_solving_is_repeatable_to_the_bit() -> None:
@@ -239,7 +233,7 @@ def test_solving_is_repeatable_to_the_bit() -> None:
     for _ in range(2):
         controller = make()
         controller.warm_up()
-        plans.append(controller.solve(Pose2(4.0, 0.3, 0.1), GOAL, 0.0, GOAL, 0.0, (0.1, 0.0), CAPS))
+        plans.append(controller.solve(MotionState(Pose2(4.0, 0.3, 0.1)), GOAL, (0.1, 0.0), CAPS))
     np.testing.assert_array_equal(plans[0].v_m_s, plans[1].v_m_s)
     np.testing.assert_array_equal(plans[0].states, plans[1].states)
 

@@ -11,8 +11,7 @@ from common.config import default_config_path, load_config
 from common.geometry import Pose2, features_at
 from follower.estimator.hypotheses import ALL, QUIET, SIDEWAYS, YAW, Branching
 from follower.estimator.observer import RelativeObserver
-from follower.model.motion import NO_DISTURBANCE, MotionDisturbance
-from follower.model.motion_model import DISTURBANCE, POSE, advance
+from follower.model.motion import DISTURBANCE, NO_DISTURBANCE, POSE, MotionDisturbance, advance
 
 CONFIG = load_config(default_config_path())
 POINTS, CAMERA = CONFIG.leds.points, CONFIG.camera.mount

@@ -10,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config import Config, default_config_path, load_config
-from common.geometry import Array, Pose2, feature_jacobian, features_at, move_relative
+from common.geometry import Array, Pose2, features_at, move_relative
 from follower.estimator.observer import GATE_CHI2, RelativeObserver, _gate, _inverse
-from follower.model.motion import MotionDisturbance
-from follower.model.motion_model import advance
+from follower.model.motion import MotionDisturbance, advance
 
 CONFIG = load_config(default_config_path())
 POINTS, CAMERA = CONFIG.leds.points, CONFIG.camera.mount
@@ -30,17 +29,6 @@ def features(pose: Pose2) -> Array:
 
 
 poses = st.builds(Pose2, st.floats(1.3, 8.0), st.floats(-1.0, 1.0), st.floats(-0.6, 0.6))
-
-
-@given(poses)
-def test_feature_jacobian_is_the_derivative(pose: Pose2) -> None:
-    step = 1e-6
-    columns = []
-    for axis in np.eye(3):
-        ahead = features(Pose2(*(pose.as_array() + step * axis)))
-        behind = features(Pose2(*(pose.as_array() - step * axis)))
-        columns.append((ahead - behind).reshape(-1) / (2 * step))
-    np.testing.assert_allclose(feature_jacobian(POINTS, pose, CAMERA), np.array(columns).T, atol=1e-7)
 
 
 disturbances = st.builds(

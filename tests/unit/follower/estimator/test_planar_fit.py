@@ -21,33 +21,6 @@ def model(config: Config, sigma: float = SIGMA) -> FitModel:
     return FitModel(config.leds.points, config.camera.mount, sigma, math.radians(0.7))
 
 
-@settings(max_examples=40, deadline=None)
-@given(
-    x=st.floats(1.2, 10.0),
-    y=st.floats(-1.0, 1.0),
-    theta=st.floats(-0.8, 0.8),
-    pitch=st.floats(-0.05, 0.05),
-    roll=st.floats(-0.05, 0.05),
-)
-def test_jacobian_is_the_derivative(
-    config: Config, x: float, y: float, theta: float, pitch: float, roll: float
-) -> None:
-    state = np.array([[x, y, theta, pitch, roll]])
-    _, jacobian, _ = project(model(config), state)
-    step = 1e-6
-    for column in range(5):
-        moved = np.zeros((1, 5))
-        moved[0, column] = step
-        ahead = project(model(config), state + moved)[0]
-        behind = project(model(config), state - moved)[0]
-        assert jacobian[..., column] == pytest.approx((ahead - behind) / (2 * step), abs=1e-7)
-
-
-def test_without_tilt_it_is_the_papers_projection(config: Config) -> None:
-    features = project(model(config), np.array([[4.0, 0.6, -0.3, 0.0, 0.0]]))[0][0]
-    assert features == pytest.approx(features_at(config.leds.points, Pose2(4.0, 0.6, -0.3), config.camera.mount))
-
-
 def test_exact_features_give_the_exact_pose(config: Config) -> None:
     truth = Pose2(4.0, 0.6, -0.3)
     features = features_at(config.leds.points, truth, config.camera.mount)

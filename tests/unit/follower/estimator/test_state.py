@@ -104,7 +104,21 @@ def test_a_late_frame_or_one_of_a_time_to_come_is_stale_and_leaves_no_trace(rig:
     assert [rig.look().cause for _ in range(3)][-1] == "ok"
 
 
-def test_a_mission_for_other_leds_gives_no_homography(rig: Rig, config: Config) -> None:
+def by_papers_controller(config: Config) -> Config:
+    controller = config.controller.model_copy(update={"method": "paper_fatrop"})
+    return config.model_copy(update={"controller": controller})
+
+
+def test_the_homography_is_left_to_the_papers_methods(rig: Rig, config: Config) -> None:
+    desired = features_at(config.leds.points, config.docking.goal(1), config.camera.mount)
+    features = tuple((float(a), float(b)) for a, b in desired)
+    rig.put(MISSION, replace(MISSION_1, desired_features=features), "follower-supervisor", START_NS)
+    last = [rig.look() for _ in range(6)][-1]
+    assert (last.valid, last.theta_homography_rad) == (True, None)
+
+
+def test_a_mission_for_other_leds_gives_no_homography(config: Config, tmp_path: Path) -> None:
+    rig = Rig(by_papers_controller(config), tmp_path)
     desired = features_at(config.leds.points, config.docking.goal(1), config.camera.mount)
     for points, solved in ((desired[:3], False), (desired[:0], False), (desired, True)):
         now_ns = START_NS + (rig.sequence + 1) * PERIOD_NS
@@ -167,7 +181,8 @@ def test_the_pose_is_carried_on_briefly_and_the_frames_own_cause_is_told(
 
 @pytest.mark.parametrize("method", ["paper", "davpc"])
 def test_the_paper_takes_the_heading_from_the_homography(config: Config, method: str) -> None:
-    tuned = config.model_copy(update={"estimator": config.estimator.model_copy(update={"method": method})})
+    papers = by_papers_controller(config)
+    tuned = papers.model_copy(update={"estimator": config.estimator.model_copy(update={"method": method})})
     estimator, optics = StateEstimator(tuned), Optics(config.camera, config.leds, 1)
     desired = features_at(config.leds.points, config.docking.goal(1), config.camera.mount)
     image: Image = np.zeros((config.camera.height_px, config.camera.width_px), np.uint8)

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from common.config import CompensationConfig, default_config_path, load_config
 from common.geometry import Array, Pose2, extended_interaction_matrix, features_at
 from follower.controller.interface import SpeedCaps
-from follower.paper.compensation import compensation, limited
+from follower.controller.limits import limited
+from follower.paper.compensation import compensation
 from follower.paper.eso import ExtendedStateObserver, error_bound
 from follower.paper.model import extended_state
 

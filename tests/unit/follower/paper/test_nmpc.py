@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -10,26 +10,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config import Config, default_config_path, load_config
-from common.errors import ConfigError
+from common.config import default_config_path, load_config
 from common.geometry import (
     Array,
     Pose2,
+    extended_interaction_matrix,
     features_at,
     interaction_matrix,
     move_relative,
     pose_from_paper_start,
 )
-from follower.controller.interface import PlanStatus, PredictiveController, SpeedCaps, make_controller
+from follower.controller.interface import FeatureState, Goal, PlanStatus, SpeedCaps
 from follower.paper import nmpc as paper_nmpc
-from follower.paper.model import euler_step, extended_state, symbolic_euler_step
+from follower.paper.model import extended_state, symbolic_euler_step
 from follower.paper.nmpc import PaperNmpc
 
-CONFIG = load_config(default_config_path(), ['controller.solver="fatrop"', "controller.effort_weight=[0.003, 0.003]"])
+CONFIG = load_config(default_config_path(), ["controller.effort_weight=[0.003, 0.003]"])
 POINTS, CAMERA = CONFIG.leds.points, CONFIG.camera.mount
 HEIGHTS = CAMERA[2] - POINTS[:, 2]
 CAPS = SpeedCaps(CONFIG.limits.v_min_m_s, CONFIG.limits.v_max_m_s, CONFIG.limits.w_max_rad_s)
-GOAL = features_at(POINTS, CONFIG.docking.goal(1), CAMERA)
+GOAL = Goal(features_at(POINTS, CONFIG.docking.goal(1), CAMERA))
 OFFSET_CAMERA = np.array([0.25, 0.07, 1.20])
 PAPER_STARTS = [(6, 1.5, 0), (8, 1, -30), (7, -0.5, -45), (4, -1, 45), (6.2, 1.6, -45)]
 
@@ -37,14 +37,25 @@ poses = st.builds(Pose2, st.floats(1.3, 8.0), st.floats(-1.0, 1.0), st.floats(-0
 
 
 @pytest.fixture(scope="module")
-def controller() -> PredictiveController:
-    made = make_controller(CONFIG)
+def controller() -> PaperNmpc:
+    made = paper_nmpc.make(CONFIG, "fatrop")
     made.warm_up()
     return made
 
 
 def features(pose: Pose2) -> Array:
     return features_at(POINTS, pose, CAMERA)
+
+
+def state_at(pose: Pose2) -> FeatureState:
+    return FeatureState(features(pose), pose.theta_rad)
+
+
+def euler_step(state: Array, v: float, w: float, heights: Array = HEIGHTS, camera: Array = CAMERA) -> Array:
+    """One forward-Euler step of 50 ms of the nominal model: eq. (27)."""
+    jacobian = extended_interaction_matrix(state[:-1].reshape(-1, 2), heights, camera)
+    advanced: Array = state + 0.05 * jacobian @ [v, w]
+    return advanced
 
 
 @given(poses, st.floats(-0.1, 0.5), st.floats(-0.6, 0.6))
@@ -63,12 +74,12 @@ def test_symbolic_and_numeric_model_agree(pose: Pose2, v: float, w: float) -> No
     step = ca.Function("f", [state, control], [symbolic_euler_step(state, control, 0.05, HEIGHTS, OFFSET_CAMERA)])
     start = extended_state(features_at(POINTS, pose, OFFSET_CAMERA), pose.theta_rad)
     symbolic = np.asarray(step(start, [v, w])).ravel()
-    np.testing.assert_allclose(symbolic, euler_step(start, v, w, 0.05, HEIGHTS, OFFSET_CAMERA), atol=1e-12)
+    np.testing.assert_allclose(symbolic, euler_step(start, v, w, camera=OFFSET_CAMERA), atol=1e-12)
 
 
 def test_one_euler_step_errs_below_a_tenth_of_a_pixel() -> None:
     pose = Pose2(2.0, 0.1, 0.1)
-    stepped = euler_step(extended_state(features(pose), pose.theta_rad), 0.3, 0.1, 0.05, HEIGHTS, CAMERA)
+    stepped = euler_step(extended_state(features(pose), pose.theta_rad), 0.3, 0.1)
     exact = features(move_relative(pose, 0.3, 0.1, 0.05)).reshape(-1)
     assert np.abs(stepped[:-1] - exact).max() * CONFIG.camera.lens.fx_px < 0.1
 
@@ -81,10 +92,10 @@ def test_one_euler_step_errs_below_a_tenth_of_a_pixel() -> None:
     st.floats(0.02, 0.5),
 )
 def test_every_plan_keeps_speed_and_rate_limits(
-    controller: PredictiveController, pose: Pose2, v: float, w: float, v_cap: float
+    controller: PaperNmpc, pose: Pose2, v: float, w: float, v_cap: float
 ) -> None:
     controller.reset()
-    plan = controller.solve(pose, features(pose), pose.theta_rad, GOAL, 0.0, (v, w), SpeedCaps(-0.1, v_cap, 0.6))
+    plan = controller.solve(state_at(pose), GOAL, (v, w), SpeedCaps(-0.1, v_cap, 0.6))
     assert plan.usable, plan.status
     limits, slack = CONFIG.limits, 1e-6
     rates_v = np.diff(np.append(v, plan.v_m_s))
@@ -97,43 +108,43 @@ def test_every_plan_keeps_speed_and_rate_limits(
     assert np.abs(plan.w_rad_s).max() <= 0.6 + slack
 
 
-def test_plan_follows_its_own_model(controller: PredictiveController) -> None:
+def test_plan_follows_its_own_model(controller: PaperNmpc) -> None:
     pose = Pose2(4.0, 0.4, 0.1)
-    plan = controller.solve(pose, features(pose), pose.theta_rad, GOAL, 0.0, (0.0, 0.0), CAPS)
+    plan = controller.solve(state_at(pose), GOAL, (0.0, 0.0), CAPS)
     for k in range(plan.v_m_s.size):
-        following = euler_step(plan.states[k], plan.v_m_s[k], plan.w_rad_s[k], 0.05, HEIGHTS, CAMERA)
+        following = euler_step(plan.states[k], plan.v_m_s[k], plan.w_rad_s[k])
         np.testing.assert_allclose(plan.states[k + 1], following, atol=1e-6)
 
 
-def test_a_start_out_of_view_is_solved_and_turned_into_view(controller: PredictiveController) -> None:
+def test_a_start_out_of_view_is_solved_and_turned_into_view(controller: PaperNmpc) -> None:
     pose = pose_from_paper_start(3.0, 0.0, np.radians(-64.0)).inverse()
     start = features(pose)
     assert CONFIG.camera.pinhole.to_pixels(start)[:, 0].min() < -18  # beyond the bound by more than IPOPT forgives
     controller.reset()
-    plan = controller.solve(pose, start, pose.theta_rad, GOAL, 0.0, (0.0, 0.0), CAPS)
+    plan = controller.solve(state_at(pose), GOAL, (0.0, 0.0), CAPS)
     assert plan.usable
     pixels = CONFIG.camera.pinhole.to_pixels(plan.states[-1, :-1].reshape(-1, 2))
     assert pixels[:, 0].min() >= CONFIG.controller.visibility_margin_px - 0.5
 
 
-def test_lies_and_noise_become_a_status(controller: PredictiveController) -> None:
+def test_lies_and_noise_become_a_status(controller: PaperNmpc) -> None:
     pose = Pose2(8.0, 0.0, 0.0)
     flipped = features(pose)
     flipped[0, 1] = 0.001
-    plan = controller.solve(pose, flipped, 0.0, GOAL, 0.0, (0.0, 0.0), CAPS)
+    plan = controller.solve(FeatureState(flipped, 0.0), GOAL, (0.0, 0.0), CAPS)
     assert plan.status is PlanStatus.FLIPPED_FEATURE
     assert not plan.usable
     missing = features(pose)
     missing[2] = np.nan
-    assert controller.solve(pose, missing, 0.0, GOAL, 0.0, (0.0, 0.0), CAPS).status is PlanStatus.INVALID_INPUT
+    assert controller.solve(FeatureState(missing, 0.0), GOAL, (0.0, 0.0), CAPS).status is PlanStatus.INVALID_INPUT
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), 1e6])
 @pytest.mark.parametrize("place", [0, 1])
-def test_a_command_no_robot_drove_is_a_status(controller: PredictiveController, bad: float, place: int) -> None:
+def test_a_command_no_robot_drove_is_a_status(controller: PaperNmpc, bad: float, place: int) -> None:
     pose, applied = Pose2(4.0, 0.0, 0.0), [0.0, 0.0]
     applied[place] = bad
-    plan = controller.solve(pose, features(pose), 0.0, GOAL, 0.0, (applied[0], applied[1]), CAPS)
+    plan = controller.solve(state_at(pose), GOAL, (applied[0], applied[1]), CAPS)
     assert plan.status is PlanStatus.INVALID_INPUT
 
 
@@ -148,16 +159,21 @@ def test_a_command_no_robot_drove_is_a_status(controller: PredictiveController, 
         SpeedCaps(-0.1, 0.3, -0.2),
     ],
 )
-def test_caps_that_leave_no_speed_are_a_status(controller: PredictiveController, caps: SpeedCaps) -> None:
+def test_caps_that_leave_no_speed_are_a_status(controller: PaperNmpc, caps: SpeedCaps) -> None:
     pose = Pose2(4.0, 0.0, 0.0)
-    plan = controller.solve(pose, features(pose), 0.0, GOAL, 0.0, (0.0, 0.0), caps)
+    plan = controller.solve(state_at(pose), GOAL, (0.0, 0.0), caps)
     assert plan.status is PlanStatus.INVALID_INPUT
 
 
-def test_a_wrong_number_of_points_is_a_status(controller: PredictiveController) -> None:
+def test_a_wrong_number_of_points_is_a_status(controller: PaperNmpc) -> None:
     pose = Pose2(4.0, 0.0, 0.0)
-    for seen, wanted in ((features(pose), GOAL[:3]), (features(pose)[:3], GOAL), (features(pose).ravel(), GOAL)):
-        assert controller.solve(pose, seen, 0.0, wanted, 0.0, (0.0, 0.0), CAPS).status is PlanStatus.INVALID_INPUT
+    for seen, wanted in (
+        (features(pose), GOAL.features[:3]),
+        (features(pose)[:3], GOAL.features),
+        (features(pose).ravel(), GOAL.features),
+    ):
+        plan = controller.solve(FeatureState(seen, 0.0), Goal(wanted), (0.0, 0.0), CAPS)
+        assert plan.status is PlanStatus.INVALID_INPUT
 
 
 class _Solver:
@@ -190,16 +206,15 @@ def _slower(solution: Any, parameters: Array, scale: float) -> Array:
         stage[:size], stage[size : size + 2] = state, applied
         stage[size + 2 : size + 4] *= scale
         applied = stage[size + 2 : size + 4].copy()
-        state = euler_step(state, applied[0], applied[1], 0.05, HEIGHTS, CAMERA)
+        state = euler_step(state, applied[0], applied[1])
     x[-3 - size : -1] = np.concatenate([state, applied])
     return x
 
 
 @pytest.mark.parametrize("solver", ["fatrop", "ipopt"])
-def test_a_feasible_lie_is_caught(monkeypatch: pytest.MonkeyPatch, solver: str) -> None:
-    made, pose = make_controller(_with(CONFIG, solver)), Pose2(4.0, 0.4, 0.1)
-    assert isinstance(made, PaperNmpc)
-    arguments = (pose, features(pose), pose.theta_rad, GOAL, 0.0, (0.0, 0.0), CAPS)
+def test_a_feasible_lie_is_caught(monkeypatch: pytest.MonkeyPatch, solver: Literal["fatrop", "ipopt"]) -> None:
+    made, pose = paper_nmpc.make(CONFIG, solver), Pose2(4.0, 0.4, 0.1)
+    arguments = (state_at(pose), GOAL, (0.0, 0.0), CAPS)
     assert made.solve(*arguments).usable
     made.reset()
     monkeypatch.setattr(made, "_solver", _Solver(made._solver, scale=0.9))
@@ -219,32 +234,28 @@ def test_a_feasible_lie_is_caught(monkeypatch: pytest.MonkeyPatch, solver: str) 
     ],
 )
 def test_each_solvers_way_to_fail_is_a_status(
-    monkeypatch: pytest.MonkeyPatch, controller: PredictiveController, status: object, expected: PlanStatus
+    monkeypatch: pytest.MonkeyPatch, controller: PaperNmpc, status: object, expected: PlanStatus
 ) -> None:
-    assert isinstance(controller, PaperNmpc)
     monkeypatch.setattr(controller, "_solver", _Solver(controller._solver, status=status))
     pose = Pose2(4.0, 0.4, 0.1)
-    plan = controller.solve(pose, features(pose), pose.theta_rad, GOAL, 0.0, (0.0, 0.0), CAPS)
+    plan = controller.solve(state_at(pose), GOAL, (0.0, 0.0), CAPS)
     assert (plan.status, plan.iterations) == (expected, 7)
 
 
-def test_a_solver_that_breaks_off_is_a_status(
-    monkeypatch: pytest.MonkeyPatch, controller: PredictiveController
-) -> None:
-    assert isinstance(controller, PaperNmpc)
+def test_a_solver_that_breaks_off_is_a_status(monkeypatch: pytest.MonkeyPatch, controller: PaperNmpc) -> None:
     monkeypatch.setattr(controller, "_solver", _Solver(controller._solver, broken=True))
     pose = Pose2(4.0, 0.4, 0.1)
-    plan = controller.solve(pose, features(pose), pose.theta_rad, GOAL, 0.0, (0.0, 0.0), CAPS)
+    plan = controller.solve(state_at(pose), GOAL, (0.0, 0.0), CAPS)
     assert plan.status is PlanStatus.NUMERICAL_FAILURE
 
 
 @pytest.mark.parametrize("start", PAPER_STARTS)
-def test_docks_from_the_papers_starts(controller: PredictiveController, start: tuple[float, float, float]) -> None:
+def test_docks_from_the_papers_starts(controller: PaperNmpc, start: tuple[float, float, float]) -> None:
     relative = pose_from_paper_start(start[0], start[1], np.radians(start[2])).inverse()
     applied = (0.0, 0.0)
     controller.reset()
     for _ in range(560):
-        plan = controller.solve(relative, features(relative), relative.theta_rad, GOAL, 0.0, applied, CAPS)
+        plan = controller.solve(state_at(relative), GOAL, applied, CAPS)
         assert plan.usable, plan.status
         applied = plan.first
         relative = move_relative(relative, *applied, 0.05)
@@ -255,20 +266,11 @@ def test_docks_from_the_papers_starts(controller: PredictiveController, start: t
     assert abs(relative.theta_rad) < np.radians(0.6)
 
 
-def test_reference_and_default_solver_agree(controller: PredictiveController) -> None:
-    reference = make_controller(_with(CONFIG, "ipopt"))
+def test_reference_and_default_solver_agree(controller: PaperNmpc) -> None:
+    reference = paper_nmpc.make(CONFIG, "ipopt")
     for pose in (Pose2(5.0, 0.5, 0.2), Pose2(2.2, -0.1, -0.05), Pose2(1.52, 0.01, 0.01)):
         controller.reset()
-        arguments = (pose, features(pose), pose.theta_rad, GOAL, 0.0, (0.1, 0.0), CAPS)
+        arguments = (state_at(pose), GOAL, (0.1, 0.0), CAPS)
         mine, theirs = controller.solve(*arguments), reference.solve(*arguments)
         assert theirs.usable
         np.testing.assert_allclose(mine.first, theirs.first, atol=2e-3)
-
-
-def test_unknown_solver_is_named() -> None:
-    with pytest.raises(ConfigError, match=r"controller\.solver: 'magic'"):
-        make_controller(_with(CONFIG, "magic"))
-
-
-def _with(config: Config, solver: str) -> Config:
-    return config.model_copy(update={"controller": config.controller.model_copy(update={"solver": solver})})

@@ -43,7 +43,8 @@ def test_manual_mode_answers_docking_requests_only_while_it_is_on(tmp_path: Path
     def ask(*requests: DockRequest | ManualRequest) -> dict[str, str]:
         for request in requests:
             channel = DOCK_REQUEST if isinstance(request, DockRequest) else MANUAL_REQUEST
-            inbox.put_queued(channel, sender.pack(channel, request, NS_PER_S), NS_PER_S)
+            payload = sender.pack(channel, request, NS_PER_S)
+            inbox.put_queued(channel, inbox.decode(channel, payload, NS_PER_S))
         inbox.begin_step()
         return {m.id: m.outcome for _, m in node.step(NS_PER_S, inbox) if isinstance(m, Answer)}
 

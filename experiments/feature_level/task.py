@@ -1,0 +1,60 @@
+"""What a method is given before a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from common.config import Config
+from common.geometry import Array, Pose2, features_at
+from experiments.feature_level.scenes import NOISE_PX
+from follower.controller.interface import Goal, SpeedCaps
+
+
+@dataclass(frozen=True)
+class Task:
+    """The robots and the goal."""
+
+    config: Config
+    goal_leader_in_follower: Pose2
+
+    @property
+    def points_l(self) -> Array:
+        """LEDs in {L}, (n, 3)."""
+        return self.config.leds.points
+
+    @property
+    def camera(self) -> Array:
+        """ξ."""
+        return self.config.camera.mount
+
+    @cached_property
+    def heights(self) -> Array:
+        """Δh per point."""
+        heights: Array = self.camera[2] - self.points_l[:, 2]
+        return heights
+
+    @cached_property
+    def desired(self) -> Array:
+        """s*, (n, 2)."""
+        return self.seen_from(self.goal_leader_in_follower)
+
+    def seen_from(self, relative: Pose2) -> Array:
+        """Features (n, 2) from a pose of {L} in {F}."""
+        return features_at(self.points_l, relative, self.camera)
+
+    @property
+    def servo_goal(self) -> Goal:
+        """s* and θ*."""
+        return Goal(self.desired, self.goal_leader_in_follower.theta_rad)
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of a normalised coordinate."""
+        return NOISE_PX / self.config.camera.lens.fx_px
+
+    @property
+    def caps(self) -> SpeedCaps:
+        """The configured limits."""
+        limits = self.config.limits
+        return SpeedCaps(limits.v_min_m_s, limits.v_max_m_s, limits.w_max_rad_s)

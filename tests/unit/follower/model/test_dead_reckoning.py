@@ -1,0 +1,118 @@
+"""Dead reckoning: where the array must be, how far off it may be, and when nothing is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from common.config import Config
+from common.geometry import Pose2
+from common.messages import DockingState, Drives
+from common.timing import NS_PER_S
+from follower.model.dead_reckoning import DeadReckoning, WheelReckoning
+
+COVARIANCE = np.diag([0.01, 0.01, 0.01]) ** 2
+
+
+def agrees(reckoning: DeadReckoning, pose: Pose2) -> bool:
+    return bool(reckoning.agrees(pose.as_array()[None], COVARIANCE[None])[0])
+
+
+def test_nothing_is_known_before_the_first_sight_and_after_forgetting(config: Config) -> None:
+    reckoning = DeadReckoning(config.estimator)
+    assert reckoning.leader_in_follower is None
+    assert agrees(reckoning, Pose2(50.0, 0.0, 0.0))
+    reckoning.seen(Pose2(5.0, 0.2, 0.1), COVARIANCE, 0)
+    assert not agrees(reckoning, Pose2(6.0, 0.2, 0.1))
+    reckoning.forget()
+    assert (reckoning.known, reckoning.leader_in_follower) == (False, None)
+
+
+def test_it_is_carried_on_by_the_wheels_and_grows_less_sure_up_to_a_neighbours_distance(config: Config) -> None:
+    reckoning = DeadReckoning(config.estimator)
+    reckoning.seen(Pose2(3.0, 0.0, 0.0), COVARIANCE, 0)
+    assert not agrees(reckoning, Pose2(3.6, 0.0, 0.0))
+    for n in range(1, 61):
+        reckoning.drive(n * NS_PER_S // 60, (0.5, 0.0))
+    pose = reckoning.leader_in_follower
+    assert pose is not None
+    assert (pose.x_m, pose.y_m) == pytest.approx((2.5, 0.0))
+    assert agrees(reckoning, Pose2(3.1, 0.0, 0.0))
+    for n in range(61, 301):
+        reckoning.drive(n * NS_PER_S // 60, (0.5, 0.0))
+    assert agrees(reckoning, Pose2(0.9, 0.0, 0.0))
+    assert not agrees(reckoning, Pose2(1.7, 0.0, 0.0))
+
+
+def _drives(config: Config, time_s: float, driven_m: float) -> Drives:
+    angle = driven_m / config.base.wheel_radius_m
+    return Drives(
+        state="armed",
+        cause="",
+        epoch=1,
+        measured_ns=round(time_s * NS_PER_S),
+        wheel_speed_rad_s=(0.0, 0.0),
+        wheel_angle_rad=(angle, angle),
+        joint_torque_n_m=(0.0,) * 6,
+        joint_angle_rad=(0.0,) * 6,
+        grip_torque_n_m=(0.0, 0.0),
+        grip_angle_rad=(0.0, 0.0),
+        lift_m=0.0,
+        stop_inputs_clear=True,
+        battery_v=24.0,
+        v_set_m_s=0.0,
+        w_set_rad_s=0.0,
+        command_sequence=0,
+        image_to_can_ns=0,
+        gate_interventions=0,
+    )
+
+
+def _state(x_m: float) -> DockingState:
+    return DockingState(
+        frame_sequence=1,
+        capture_ns=0,
+        valid=True,
+        cause="ok",
+        leds_seen=4,
+        features=(None,) * 4,
+        features_filtered=(),
+        theta_homography_rad=None,
+        x_m=x_m,
+        y_m=0.0,
+        theta_rad=0.0,
+        covariance=(0.0,) * 9,
+        disturbance=(0.0,) * 4,
+        fit=None,
+        fit_covariance=None,
+        residual_px=0.1,
+        spots=4,
+        frames_seen=1,
+        frames_dropped=0,
+    )
+
+
+def test_a_state_is_carried_on_by_the_drives_measured_angles(config: Config) -> None:
+    reckoning = WheelReckoning(config.base, config.estimator)
+    reckoning.drive(_drives(config, 1.0, 0.0))
+    reckoning.seen(_state(5.0))
+    for n in range(1, 21):
+        reckoning.drive(_drives(config, 1.0 + 0.05 * n, 0.02 * n))
+    pose = reckoning.leader_in_follower
+    assert pose is not None
+    assert pose.x_m == pytest.approx(4.6)
+    assert reckoning.agrees(_state(4.65))
+    assert not reckoning.agrees(_state(6.5))
+
+
+def test_a_jump_of_an_encoder_forgets_it(config: Config) -> None:
+    reckoning = WheelReckoning(config.base, config.estimator)
+    reckoning.drive(_drives(config, 1.0, 0.0))
+    reckoning.seen(_state(5.0))
+    reckoning.drive(_drives(config, 1.05, 3.0))
+    assert reckoning.leader_in_follower is None
+    reckoning.seen(_state(4.0))
+    reckoning.drive(_drives(config, 1.10, 3.01))
+    pose = reckoning.leader_in_follower
+    assert pose is not None
+    assert pose.x_m == pytest.approx(3.99)
