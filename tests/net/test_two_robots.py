@@ -48,7 +48,7 @@ def two_robots(certificates: Path, folder: Path) -> Iterator[Gateways]:
         yield pair
 
 
-@judged_on_a_calm_host
+@judged_on_a_calm_host(stepped="tests/stepped/test_sim.py::test_stepped_dockings_are_bit_identical")
 def test_they_dock_under_garbage_half_open_connections_and_floods(
     sim_run: Any, certificates: Path, tmp_path: Path
 ) -> None:
@@ -73,7 +73,9 @@ def test_they_dock_under_garbage_half_open_connections_and_floods(
     assert all(megabytes <= GROWTH_MB for megabytes in grown.values()), grown
 
 
-@judged_on_a_calm_host
+@judged_on_a_calm_host(
+    stepped="tests/stepped/test_link.py::test_without_the_link_the_approach_goes_on_and_the_lock_step_ends_by_name"
+)
 def test_without_the_link_the_approach_goes_on_and_the_lock_step_ends_by_name(
     sim_run: Any, certificates: Path, tmp_path: Path
 ) -> None:
