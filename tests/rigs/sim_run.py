@@ -71,7 +71,7 @@ class SimRun:
         words = Path(f"/proc/{next(iter(self.children().values()))}/cmdline").read_text().split("\0")
         return Path(words[words.index("--runtime") + 1])
 
-    def finish(self, seconds: float = 150.0) -> int:
+    def finish(self, seconds: float = 200.0) -> int:
         """Wait for the end; the exit code."""
         code = self.process.wait(timeout=seconds)
         self._reader.join()

@@ -15,7 +15,7 @@ from sim.stepped import SteppedExecutor
 from tests.rigs.canbus_rig import stepped_config
 from tests.rigs.stepped_rig import stepped_nodes
 
-APPROACH_NS = 3 * NS_PER_S
+APPROACH_NS = 2 * NS_PER_S
 
 
 class Silenced(Node):
@@ -61,7 +61,7 @@ class Watcher(Node):
 
 
 def approach(runtime: Path, silent: str, gap_ms: float) -> tuple[Watcher, int]:
-    """Four seconds of an approach in which one process is silent for a while; when the silence began."""
+    """Some seconds of an approach in which one process is silent for a while; when the silence began."""
     config, clock, watcher = stepped_config("world.start=[4.0,0.2,0.0]"), SteppedClock(), Watcher()
     begin_ns = 2 * NS_PER_S + APPROACH_NS
     silence_ns = begin_ns, begin_ns + round(gap_ms * NS_PER_MS)
@@ -69,7 +69,7 @@ def approach(runtime: Path, silent: str, gap_ms: float) -> tuple[Watcher, int]:
         Silenced(node, *silence_ns) if node.name == silent else node for node in stepped_nodes(config, runtime, clock)
     ]
     with SteppedExecutor([*nodes, watcher], clock) as executor:
-        executor.run(begin_ns + 3 * NS_PER_S)
+        executor.run(begin_ns + 5 * NS_PER_S // 2)
     return watcher, begin_ns
 
 

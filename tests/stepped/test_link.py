@@ -7,7 +7,7 @@ from common.timing import NS_PER_S
 from experiments.queues.run import Backstage, Docking, plan, run_plan
 
 NEVER_NS = 1 << 62
-START = [2.4, 0.08, 2.0]
+START = [2.0, 0.05, 1.0]
 
 
 def docking(config: Config, cut_s: float) -> Docking:

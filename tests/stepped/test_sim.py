@@ -7,10 +7,12 @@ from typing import Any
 
 from tests.rigs.sim_run import davpc_in_process, is_docked
 
+NEAR = "2.0,0.05,1"
+
 
 def test_stepped_dockings_are_bit_identical(sim_run: Any) -> None:
-    nearer = ("--stepped", "--start", "2.4,0.08,2")
-    first, second = sim_run(*nearer), sim_run(*nearer)
+    near = ("--stepped", "--start", NEAR)
+    first, second = sim_run(*near), sim_run(*near)
     assert (first.finish(), second.finish()) == (0, 0), "".join(first.lines)
     assert is_docked(first.results()), first.results()
     assert (first.out / "results.json").read_bytes() == (second.out / "results.json").read_bytes()
@@ -26,7 +28,7 @@ def holds_what_programs_rely_on(results: dict[str, Any]) -> None:
 
 
 def test_a_stepped_queue_of_two_is_docked_and_counted(sim_run: Any) -> None:
-    run = sim_run("--stepped", "--trolleys", "2", "--start", "2.4,0.08,2")
+    run = sim_run("--stepped", "--trolleys", "2", "--start", NEAR)
     assert run.finish() == 0, "".join(run.lines)
     results = run.results()
     assert results["connected"]
@@ -38,7 +40,7 @@ def test_a_stepped_queue_of_two_is_docked_and_counted(sim_run: Any) -> None:
 
 
 def test_the_papers_estimator_docks_too(sim_run: Any) -> None:
-    run = sim_run("--stepped", "--start", "2.4,0.08,2", "--set", "estimator.method='paper'")
+    run = sim_run("--stepped", "--start", NEAR, "--set", "estimator.method='paper'")
     assert run.finish() == 0, "".join(run.lines)
     assert is_docked(run.results()), run.results()
 
