@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import io
 import json
 import struct
 import subprocess
@@ -13,12 +11,10 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import can
 import pytest
 
-from station.cli import main
 from tests.rigs import host
 from tests.rigs.waiting import until
 
@@ -173,25 +169,3 @@ def is_docked(results: dict[str, Any]) -> bool:
         and metrics["e_theta_deg"] <= 1.0
         and metrics["duration_s"] <= 60.0
     )
-
-
-def davpc(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the command line in a process of its own."""
-    return subprocess.run(
-        [sys.executable, "-m", "station.cli", *arguments], capture_output=True, text=True, timeout=60, check=False
-    )
-
-
-def davpc_in_process(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the same entry point in this process: a second faster, for commands that end by themselves at once."""
-    stdout, stderr, code = io.StringIO(), io.StringIO(), 0
-    with (
-        mock.patch.object(sys, "argv", ["davpc", *arguments]),
-        contextlib.redirect_stdout(stdout),
-        contextlib.redirect_stderr(stderr),
-    ):
-        try:
-            main()
-        except SystemExit as end:
-            code = int(end.code or 0)
-    return subprocess.CompletedProcess(arguments, code, stdout.getvalue(), stderr.getvalue())

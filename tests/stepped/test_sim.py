@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from tests.rigs.sim_run import davpc_in_process, is_docked
+from tests.rigs.sim_run import is_docked
+from tests.rigs.station_rig import davpc_in_process
 
 NEAR = "2.0,0.05,1"
 

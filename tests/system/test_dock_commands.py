@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from tests.rigs.sim_run import davpc, judged_on_a_calm_host
+from tests.rigs.sim_run import judged_on_a_calm_host
+from tests.rigs.station_rig import davpc
 
 
 @pytest.mark.alone

@@ -13,7 +13,8 @@ import pytest
 from common.config import Config
 from common.processes import ONE_MACHINE
 from station.simulate.children import runtime_directory
-from tests.rigs.sim_run import CanTap, davpc_in_process, is_docked, judged_on_a_calm_host
+from tests.rigs.sim_run import CanTap, is_docked, judged_on_a_calm_host
+from tests.rigs.station_rig import davpc_in_process
 from tests.rigs.waiting import until
 
 FOLLOWER = [process.name for process in ONE_MACHINE if process.robot == "follower"]
