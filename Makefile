@@ -1,6 +1,6 @@
 # davpc: `make help` lists what there is.
 .DEFAULT_GOAL := help
-.PHONY: help setup sim test lint cover mutate prove lock wheels clean
+.PHONY: help setup sim check test lint cover mutate prove lock wheels clean
 
 VENV := .venv
 READY := $(VENV)/.ready
@@ -29,10 +29,12 @@ $(READY): requirements.lock pyproject.toml
 sim: $(READY) ## One docking of both robots, simulated down to pixels and CAN frames
 	@$(VENV)/bin/davpc sim $(SIM_ARGS)
 
-test: $(READY) ## What CI runs: format, lint, types, import rules, tests
+check: $(READY) ## Before each commit: format, lint, types, import rules, unit and stepped tests
 	@$(MAKE) --no-print-directory lint
-	@echo "[test] parallel tests"
-	@$(VENV)/bin/python -m pytest -q -n auto -m "not alone"
+	@echo "[check] unit and stepped tests"
+	@$(VENV)/bin/python -m pytest -q -n auto --dist loadgroup -m "not alone"
+
+test: check ## What CI runs: check, then the tests that start real-time processes, one at a time
 	@echo "[test] process tests, one at a time"
 	@$(VENV)/bin/python -m pytest -q -m alone
 

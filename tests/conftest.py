@@ -1,8 +1,8 @@
-"""What all tests share: the reference configuration and a settled Hypothesis profile."""
+"""What all tests share: the reference robots, a settled Hypothesis profile, a closing table of skips."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -34,3 +34,26 @@ def sim_run(tmp_path: Path) -> Iterator[SimRuns]:
     runs = SimRuns(tmp_path)
     yield runs
     runs.stop()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Note with a skip which test has asserted the same in stepped time."""
+    report = yield
+    twin = item.get_closest_marker("stepped_twin")
+    if report.skipped and twin is not None:
+        said = twin.args[0] if twin.args else f"no stepped twin: {twin.kwargs['none']}"
+        report.user_properties.append(("stepped_twin", said))
+    return report
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """One table of what was skipped and why, before the closing line."""
+    skipped = terminalreporter.getreports("skipped")
+    if not skipped:
+        return
+    terminalreporter.section(f"{len(skipped)} skipped: test, why, stepped twin")
+    for report in skipped:
+        why = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        twin = dict(report.user_properties).get("stepped_twin", "–") if hasattr(report, "user_properties") else "–"
+        terminalreporter.line(f"{report.nodeid} | {why.removeprefix('Skipped: ')} | {twin}")

@@ -114,6 +114,7 @@ def test_the_doctor_finds_an_installation_that_is_whole_and_stands(machine: Mach
     assert "davpc-follower.target is stopped" in found["units follower"]["seen"]
 
 
+@pytest.mark.stepped_twin("tests/stepped/test_sim.py::test_stepped_dockings_are_bit_identical")
 def test_both_robots_of_a_bench_are_fit_says_the_doctor_and_dock_from_their_units(machine: Machine) -> None:
     machine.must("systemctl", "start", TARGET, "davpc-leader.target")
     doctor(machine, "drives", "Leader", "LEDs seen", "real time")

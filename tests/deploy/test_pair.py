@@ -98,6 +98,7 @@ def pair(workshop: Workshop, installed: Installed, authority: Path) -> Iterator[
             machine.cut_power()
 
 
+@pytest.mark.stepped_twin(none="it times the boot of machines")
 def test_both_targets_are_active_within_15_s_of_power(pair: Pair) -> None:
     with HostWatch() as host:
         until(
@@ -125,6 +126,7 @@ def test_the_units_are_in_force_as_they_are_written(pair: Pair) -> None:
         assert scheduling.split() == ["FF", str(entry.priority), "davpc"]
 
 
+@pytest.mark.stepped_twin(none="it times systemd, which starts a killed process again")
 @pytest.mark.parametrize("name", [entry.name for entry in ROBOTS])
 def test_a_killed_process_is_back_and_the_robot_disarmed_within_3_s(pair: Pair, name: str) -> None:
     machine = pair.of(name)
@@ -204,6 +206,7 @@ def leader_ready(probe: Probe) -> bool:
     return isinstance(state, LeaderState) and state.ready
 
 
+@pytest.mark.stepped_twin("tests/stepped/test_link.py::test_a_link_that_returns_in_the_approach_costs_nothing")
 def test_a_docking_runs_through_although_the_robots_lose_each_other_on_the_way(pair: Pair) -> None:
     def lose_each_other(probe: Probe) -> None:
         pair.network.plug("host0", False)

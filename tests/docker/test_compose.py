@@ -62,6 +62,7 @@ def cut_and_heal(deployment: Deployment) -> None:
 
 @pytest.mark.alone
 @pytest.mark.timeout(1800)
+@pytest.mark.stepped_twin("tests/stepped/test_link.py::test_a_link_that_returns_in_the_approach_costs_nothing")
 def test_it_docks_although_the_robots_network_is_cut_in_the_approach(start: Start) -> None:
     def attempt() -> None:
         deployment = start()

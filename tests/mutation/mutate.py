@@ -174,7 +174,7 @@ def main(arguments: Sequence[str]) -> int:
     name = ".".join(path.with_suffix("").parts)
     os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    for test in tests:
+    for test in ("tests/conftest.py", *tests):
         importlib.import_module(".".join(Path(test).with_suffix("").parts))
     for loaded in [name for name in sys.modules if name.startswith("tests.") and "mutation" not in name]:
         del sys.modules[loaded]  # tests and their rigs are imported again, over the mutant

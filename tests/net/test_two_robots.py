@@ -30,11 +30,11 @@ def free_tcp_port() -> int:
 
 
 @contextmanager
-def two_robots(certificates: Path, folder: Path) -> Iterator[Gateways]:
+def two_robots(certificates: Path, folder: Path, *settings: str) -> Iterator[Gateways]:
     """All processes of both robots and the world, each robot in a mesh of its own."""
     can = free_tcp_port()
     buses = [f"{bus}.bus.port={can}" for bus in ("follower_can", "leader_can")]
-    pair = Gateways(certificates, "davpc", *buses, "world.start=[3.0,0.15,3.0]", "world.seed=3")
+    pair = Gateways(certificates, "davpc", *buses, "world.start=[3.0,0.15,3.0]", "world.seed=3", *settings)
     logs = Path(tempfile.mkdtemp(prefix="robots", dir=folder))
     with ExitStack() as stack:
         stack.callback(pair.close)
@@ -48,7 +48,7 @@ def two_robots(certificates: Path, folder: Path) -> Iterator[Gateways]:
         yield pair
 
 
-@judged_on_a_calm_host
+@judged_on_a_calm_host(stepped="tests/stepped/test_sim.py::test_stepped_dockings_are_bit_identical")
 def test_they_dock_under_garbage_half_open_connections_and_floods(
     sim_run: Any, certificates: Path, tmp_path: Path
 ) -> None:
@@ -73,11 +73,13 @@ def test_they_dock_under_garbage_half_open_connections_and_floods(
     assert all(megabytes <= GROWTH_MB for megabytes in grown.values()), grown
 
 
-@judged_on_a_calm_host
+@judged_on_a_calm_host(
+    stepped="tests/stepped/test_link.py::test_without_the_link_the_approach_goes_on_and_the_lock_step_ends_by_name"
+)
 def test_without_the_link_the_approach_goes_on_and_the_lock_step_ends_by_name(
     sim_run: Any, certificates: Path, tmp_path: Path
 ) -> None:
-    with two_robots(certificates, tmp_path) as pair:
+    with two_robots(certificates, tmp_path, "supervisor.link_timeout_s=5.0") as pair:
         run = sim_run("--attach", str(pair.runtime("follower")), *pair.options())
         run.wait_for("approach")
         pair.running["leader"].terminate()

@@ -150,3 +150,12 @@ def test_unit_tests_mirror_the_product() -> None:
         tested = path.stem.removeprefix("test_").split("_")
         names = {"_".join(tested[:count]) for count in range(1, len(tested) + 1)}
         assert names & modules, f"{path.relative_to(ROOT)}: {folder.relative_to(ROOT)} has no such module"
+
+
+def test_test_files_are_short() -> None:
+    long = {str(path.relative_to(ROOT)): count for path in sources("tests") if (count := lines_of(path)) > 300}
+    assert long == {}
+
+
+def lines_of(path: Path) -> int:
+    return len(path.read_text().splitlines())

@@ -1,1 +1,1 @@
-"""What tests of several packages share: rigs, walks, and the judge of the host."""
+"""What tests of several folders share: rigs, walks, and the judge of the host."""

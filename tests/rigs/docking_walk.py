@@ -21,6 +21,10 @@ STEP_NS = NS_PER_S // 20
 RELEASED = ArmState(0.0, False, False, False, True)
 BACKWARDS = ("staging", "retract")
 FORWARDS = ("insert", "push")
+FAULTS = (
+    *("leds",) * 4, "two_leds", "elsewhere", "lock", "stall", "estimator", "bridge", "arms", "link", "controller",
+    "estop", "drives", "late", "slip", "contact", "connected", "gripped", "released", "rolls", "lags",
+)  # fmt: skip
 OPEN_ALLOWED = ("staging", "release", "retract", *ENDED)
 
 
@@ -112,31 +116,9 @@ class DockingWalk:
         return "locked" if later or (self.asked is not None and self.random.random() < 0.7) else "open"
 
     def _begin_fault(self) -> None:
-        names = (
-            *("leds",) * 4,
-            "two_leds",
-            "elsewhere",
-            "lock",
-            "stall",
-            "estimator",
-            "bridge",
-            "arms",
-            "link",
-            "controller",
-            "estop",
-            "drives",
-            "late",
-            "slip",
-            "contact",
-            "connected",
-            "gripped",
-            "released",
-            "rolls",
-            "lags",
-        )
         if self.random.random() < 0.008:
             duration = self.random.choice((1, 2, 5, 20, 80, 300))
-            name = self.random.choice(names)
+            name = self.random.choice(FAULTS)
             if name == "leds":
                 duration = self.random.choice((1, 5, 90, 300))
             self.faults[name] = 1 if name in ("estop", "drives", "late", "slip", "stall") else duration

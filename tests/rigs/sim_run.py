@@ -8,6 +8,7 @@ import struct
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,7 @@ class SimRun:
         words = Path(f"/proc/{next(iter(self.children().values()))}/cmdline").read_text().split("\0")
         return Path(words[words.index("--runtime") + 1])
 
-    def finish(self, seconds: float = 150.0) -> int:
+    def finish(self, seconds: float = 200.0) -> int:
         """Wait for the end; the exit code."""
         code = self.process.wait(timeout=seconds)
         self._reader.join()
@@ -116,21 +117,28 @@ class CanTap:
 _ALL_TRIES_S = 900
 
 
-def judged_on_a_calm_host(test: Any) -> Any:
-    """Let a test with real-time processes be repeated with fresh ones where the host itself was in their way."""
+def judged_on_a_calm_host(*, stepped: str) -> Callable[[Any], Any]:
+    """Let a test with real-time processes be repeated with fresh ones where the host itself was in their way.
 
-    @functools.wraps(test)
-    def wrapper(*args: Any, **kwargs: Any) -> None:
-        def attempt() -> None:
-            try:
-                test(*args, **kwargs)
-            finally:  # or a repeat would share the cores with it
-                if "sim_run" in kwargs:
-                    kwargs["sim_run"].stop()
+    Args:
+        stepped: the test that asserts the same of the same nodes in stepped time, by its node id.
+    """
 
-        host.judged_on_a_calm_host(attempt)
+    def judged(test: Any) -> Any:
+        @functools.wraps(test)
+        def wrapper(*args: Any, **kwargs: Any) -> None:
+            def attempt() -> None:
+                try:
+                    test(*args, **kwargs)
+                finally:  # or a repeat would share the cores with it
+                    if "sim_run" in kwargs:
+                        kwargs["sim_run"].stop()
 
-    return pytest.mark.timeout(_ALL_TRIES_S)(wrapper)
+            host.judged_on_a_calm_host(attempt)
+
+        return pytest.mark.stepped_twin(stepped)(pytest.mark.timeout(_ALL_TRIES_S)(wrapper))
+
+    return judged
 
 
 class SimRuns:
@@ -160,10 +168,4 @@ def is_docked(results: dict[str, Any]) -> bool:
         and metrics["e_y_cm"] <= 2.0
         and metrics["e_theta_deg"] <= 1.0
         and metrics["duration_s"] <= 60.0
-    )
-
-
-def davpc(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "station.cli", *arguments], capture_output=True, text=True, timeout=60, check=False
     )

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from common.channels import DOCK_REQUEST, DRIVES, MISSION
-from common.config import load_config
 from common.messages import DockRequest, Drives, Mission
-from common.node import Inbox, Node, NodeContext, Output, Trigger
-from common.processes import ONE_MACHINE
+from common.node import Inbox, Node, Output, Trigger
 from common.timing import NS_PER_MS, NS_PER_S, SteppedClock
 from sim.stepped import SteppedExecutor
+from tests.rigs.canbus_rig import stepped_config
+from tests.rigs.stepped_rig import stepped_nodes
 
-APPROACH_NS = 3 * NS_PER_S
+APPROACH_NS = 2 * NS_PER_S
 
 
 class Silenced(Node):
@@ -60,26 +60,22 @@ class Watcher(Node):
         return ((DOCK_REQUEST, DockRequest("start", now_ns + NS_PER_S, "start")),)
 
 
-def approach(config_path: Path, runtime: Path, silent: str, gap_ms: float) -> tuple[Watcher, int]:
-    """Four seconds of an approach in which one process is silent for a while; when the silence began."""
-    overrides = [f'{robot}_can.bus.interface="stepped"' for robot in ("follower", "leader")]
-    config = load_config(config_path, [*overrides, "world.start=[4.0,0.2,0.0]"])
-    clock, watcher = SteppedClock(), Watcher()
+def approach(runtime: Path, silent: str, gap_ms: float) -> tuple[Watcher, int]:
+    """Some seconds of an approach in which one process is silent for a while; when the silence began."""
+    config, clock, watcher = stepped_config("world.start=[4.0,0.2,0.0]"), SteppedClock(), Watcher()
     begin_ns = 2 * NS_PER_S + APPROACH_NS
-    nodes: list[Node] = []
-    for number, entry in enumerate(ONE_MACHINE, start=1):
-        node = entry.factory()(NodeContext(config, config_path, runtime, number, clock))
-        if node.name == silent:
-            node = Silenced(node, begin_ns, begin_ns + round(gap_ms * NS_PER_MS))
-        nodes.append(node)
+    silence_ns = begin_ns, begin_ns + round(gap_ms * NS_PER_MS)
+    nodes = [
+        Silenced(node, *silence_ns) if node.name == silent else node for node in stepped_nodes(config, runtime, clock)
+    ]
     with SteppedExecutor([*nodes, watcher], clock) as executor:
-        executor.run(begin_ns + 3 * NS_PER_S)
+        executor.run(begin_ns + 5 * NS_PER_S // 2)
     return watcher, begin_ns
 
 
 @pytest.mark.parametrize("gap_ms", [60, 85, 150, 300, 900])
-def test_a_camera_gap_pauses_the_approach_and_it_goes_on(config_path: Path, tmp_path: Path, gap_ms: float) -> None:
-    watcher, begin_ns = approach(config_path, tmp_path, "follower-camera", gap_ms)
+def test_a_camera_gap_pauses_the_approach_and_it_goes_on(tmp_path: Path, gap_ms: float) -> None:
+    watcher, begin_ns = approach(tmp_path, "follower-camera", gap_ms)
     phases = [mission.phase for mission in watcher.missions]
     assert phases[-1] == "approach"
     assert "aborted" not in phases
@@ -89,10 +85,8 @@ def test_a_camera_gap_pauses_the_approach_and_it_goes_on(config_path: Path, tmp_
     assert watcher.drives[-1][1].v_set_m_s > 0.0
 
 
-def test_a_controller_gap_stops_the_wheels_and_the_approach_goes_on_under_a_new_epoch(
-    config_path: Path, tmp_path: Path
-) -> None:
-    watcher, begin_ns = approach(config_path, tmp_path, "follower-controller", 400)
+def test_a_controller_gap_stops_the_wheels_and_the_approach_goes_on_under_a_new_epoch(tmp_path: Path) -> None:
+    watcher, begin_ns = approach(tmp_path, "follower-controller", 400)
     during = [d for at, d in watcher.drives if begin_ns + 150 * NS_PER_MS < at < begin_ns + 400 * NS_PER_MS]
     assert during
     assert all(d.v_set_m_s == 0.0 for d in during)

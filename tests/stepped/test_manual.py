@@ -16,11 +16,11 @@ from common.messages import (
     Mission,
     seal_command,
 )
-from common.node import Inbox, Node, NodeContext, Output, Trigger
-from common.processes import process
+from common.node import Inbox, Node, Output, Trigger
 from common.timing import NS_PER_MS, NS_PER_S, SteppedClock
 from sim.stepped import SteppedExecutor
-from tests.rigs.canbus_rig import CONFIG_PATH, stepped_config
+from tests.rigs.canbus_rig import stepped_config
+from tests.rigs.stepped_rig import stepped_nodes
 
 
 class Operator(Node):
@@ -56,10 +56,7 @@ def by_hand(runtime: Path, operator: Operator, seconds: float, *overrides: str) 
     """World, bridge, arms and supervisor in stepped time: neither camera nor controller is needed."""
     names = ("world", "follower-can-bridge", "follower-arms", "follower-supervisor")
     clock, config = SteppedClock(), stepped_config(*overrides)
-    nodes = [
-        process(name).factory()(NodeContext(config, CONFIG_PATH, runtime, number, clock))
-        for number, name in enumerate(names, start=1)
-    ]
+    nodes = stepped_nodes(config, runtime, clock, names)
     with SteppedExecutor([*nodes, operator], clock) as executor:
         executor.run(clock.now_ns() + round(seconds * NS_PER_S))
     return operator

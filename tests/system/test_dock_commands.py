@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
-from tests.rigs.sim_run import davpc, judged_on_a_calm_host
+from tests.rigs.sim_run import judged_on_a_calm_host
+from tests.rigs.station_rig import davpc
 
 
 @pytest.mark.alone
-@judged_on_a_calm_host
+@judged_on_a_calm_host(stepped="tests/stepped/test_operator.py::test_an_operator_asks_and_stops_a_docking_under_way")
 def test_an_operator_sees_asks_and_stops_a_docking_under_way(sim_run: Any) -> None:
     run = sim_run("--start", "9,0.3,0", "--set", "supervisor.approach_speed_m_s=0.1")
     run.wait_for("approach")

@@ -12,7 +12,9 @@ import pytest
 
 from common.config import Config
 from common.processes import ONE_MACHINE
+from station.simulate.children import runtime_directory
 from tests.rigs.sim_run import CanTap, is_docked, judged_on_a_calm_host
+from tests.rigs.station_rig import davpc_in_process
 from tests.rigs.waiting import until
 
 FOLLOWER = [process.name for process in ONE_MACHINE if process.robot == "follower"]
@@ -24,7 +26,7 @@ def nothing_is_left(runtime: Path, children: dict[str, int]) -> bool:
 
 
 @pytest.mark.alone
-@judged_on_a_calm_host
+@judged_on_a_calm_host(stepped="tests/stepped/test_sim.py::test_stepped_dockings_are_bit_identical")
 def test_a_docking_with_every_process(sim_run: Any) -> None:
     run = sim_run(*START, "--seed", "3")
     run.wait_for("approach")
@@ -94,8 +96,8 @@ def test_a_killed_launcher_takes_its_processes_with_it(sim_run: Any) -> None:
     until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children.values()), 20)
     run.process.wait()
     # its directory stays until the next run finds nobody who owns it
-    assert sim_run("--stepped", "--start", "2.2,0,0").finish() == 0
-    assert not runtime.exists()
+    with runtime_directory():
+        assert not runtime.exists()
 
 
 @pytest.mark.parametrize(
@@ -115,10 +117,9 @@ def test_a_killed_launcher_takes_its_processes_with_it(sim_run: Any) -> None:
         (("--set", "camera.rate_hz=20.0"), "three frame periods"),
     ],
 )
-def test_a_users_mistake_is_one_line_and_exit_code_2(sim_run: Any, arguments: tuple[str, ...], said: str) -> None:
-    run = sim_run(*arguments)
-    assert run.finish(30) == 2
-    complaints = [line for line in run.lines if line.startswith("davpc:")]
-    assert len(complaints) == 1
-    assert said in complaints[0]
-    assert not any("Traceback" in line for line in run.lines)
+def test_a_users_mistake_is_one_line_and_exit_code_2(tmp_path: Path, arguments: tuple[str, ...], said: str) -> None:
+    ended = davpc_in_process("sim", "--headless", "--out", str(tmp_path), *arguments)
+    assert ended.returncode == 2
+    (complaint,) = [line for line in ended.stderr.splitlines() if line.startswith("davpc:")]
+    assert said in complaint
+    assert "Traceback" not in ended.stderr

@@ -21,7 +21,7 @@ from common.geometry import Pose2, features_at
 from follower.supervisor.taught import load
 from station.calibrate.mount_file import load_views
 from station.cli import app
-from tests.rigs.sim_run import davpc
+from tests.rigs.station_rig import davpc, davpc_in_process
 from tests.rigs.waiting import until
 
 STANDS = Pose2(-2.2, 0.05, math.radians(2.0))  # Follower in {L}
@@ -104,7 +104,7 @@ def test_without_a_robot_they_say_so() -> None:
         (("led", "set", "much", "--runtime", "/nowhere"), 1, "write amperes"),
         (("lock", "open", "--yes", "--runtime", "/nowhere"), 1, "no robot runs here"),
     ):
-        ended = davpc(*arguments)
+        ended = davpc_in_process(*arguments)
         assert ended.returncode == code, ended
         assert said in ended.stderr
         assert "Traceback" not in ended.stderr

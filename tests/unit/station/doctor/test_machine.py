@@ -23,7 +23,7 @@ from station.doctor.machine import (
     expected_units,
     locked_versions,
 )
-from tests.rigs.doctor_rig import told
+from tests.rigs.station_rig import told
 
 LOCK = "numpy==2.2.1 ; python_version < '3.12' \\\n    --hash=sha256:00\nnumpy==2.3.0\nPy_Yaml[x]==6.0\n"
 

@@ -13,7 +13,7 @@ from station.doctor.findings import (
     ProbeResult,
 )
 from station.doctor.network import check_access, check_certificate, check_link
-from tests.rigs.doctor_rig import told
+from tests.rigs.station_rig import told
 
 DAY_S = 86_400.0
 

@@ -26,7 +26,7 @@ from station.doctor.robot import (
     check_processes,
     check_taught,
 )
-from tests.rigs.doctor_rig import told
+from tests.rigs.station_rig import told
 
 TODAY = date(2026, 5, 1)
 FILE = Path("calibration.toml")
