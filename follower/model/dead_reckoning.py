@@ -1,6 +1,6 @@
 """Where the array must be since it was last seen: its last pose, carried on by the wheels, and how far it may be off.
 
-Two identical arrays cannot be told apart by their looks, only by where they are. The uncertainty grows while driving
+Two identical arrays differ only in where they are. The uncertainty grows while driving
 as if a disturbance of the configured size had begun with the last sight of the array; a floor covers what no model
 describes. It ends where a neighbouring array would pass: whoever drove on blindly for longer stays unsure.
 """
