@@ -86,7 +86,7 @@ def test_mindvision_never_lets_the_sdk_write_past_its_buffer(
     monkeypatch.setitem(sys.modules, "mvsdk", sdk.module())
     source = MindVisionSource(context(config, tmp_path, "mindvision"))
     source.open()
-    with pytest.raises(DeviceError, match=rf"image of {shape[1]}×{shape[0]}, .* say {WIDTH}×{HEIGHT}"):
+    with pytest.raises(DeviceError, match=rf"image of {shape[1]}×{shape[0]}, .* are {WIDTH}×{HEIGHT}"):
         grab(source)
     assert (sdk.overflows, sdk.raw_out) == (0, 0)
 

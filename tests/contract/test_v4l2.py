@@ -61,7 +61,7 @@ def test_v4l2_names_what_is_refused_and_reports_what_is_in_force(
     said = [record.getMessage() for record in caplog.records]
     assert "/dev/video9: camera.exposure_us = 800 refused, 1560 is in force" in said
     assert "/dev/video9: camera.rate_hz = 60 refused, 30 is in force" in said
-    assert "/dev/video9: camera.gain = 2 refused, what is in force is not told" in said
+    assert "/dev/video9: camera.gain = 2 refused, the value in force is not reported" in said
     capture = grab(source)[1]
     assert capture is not None
     assert (capture.exposure_us, capture.gain) == (1560.0, 2.0)
