@@ -37,6 +37,8 @@ MAX_TRACKING_GAP_SHARE: Final = 0.20
 MAX_MEASURED_JUMP_M_S: Final = 0.30
 MAX_MEASURED_STEP_M: Final = 0.05
 """Of a wheel's surface between two measurements at most 50 ms apart: at its cap it rolls 0.03 m meanwhile."""
+ROUNDING: Final = 1e-9
+"""Share of a command: a set-point at its cap may be above it by the last bits, and is no intervention."""
 LATCHING: Final = frozenset({"second_writer"})
 """Reasons to drop a command that stop the wheels until the next epoch; so do the rules measured_*."""
 
@@ -271,7 +273,7 @@ class Gate:
         share = min(rate, window)
         v, w = self._v + share * dv, self._w + share * dw
         lowered = self._cap_scale(v, w, token)
-        if min(scale, lowered) < 1.0:
+        if min(scale, lowered) < 1.0 - ROUNDING:
             clipped.append("cap")
         if rate < 1.0:
             clipped.append("rate")

@@ -115,3 +115,14 @@ def test_each_phase_is_held_to_its_cap(phase: Phase) -> None:
 
 def test_an_unknown_phase_stands_still() -> None:
     assert Bench(phase="party").drive(0.3).v_m_s == 0.0
+
+
+@pytest.mark.parametrize(("beyond", "clipped"), [(1e-15, ()), (0.9e-9, ()), (1.1e-9, ("cap",)), (1e-3, ("cap",))])
+def test_the_last_bits_of_a_command_at_its_cap_are_cut_and_are_no_intervention(
+    beyond: float, clipped: tuple[str, ...]
+) -> None:
+    bench = Bench()
+    bench.drive(0.5)
+    decision = bench.order(0.5 * (1.0 + beyond))
+    assert decision.v_m_s <= 0.5
+    assert decision.clipped == clipped
