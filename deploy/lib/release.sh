@@ -49,7 +49,8 @@ check_configuration() { # ID; the configuration must be one that this release ca
 import sys
 from pathlib import Path
 
-from common.config import ConfigError, load_config
+from common.config import load_config
+from common.errors import ConfigError
 
 try:
     load_config(Path(sys.argv[1]))

@@ -159,3 +159,16 @@ def test_test_files_are_short() -> None:
 
 def lines_of(path: Path) -> int:
     return len(path.read_text().splitlines())
+
+
+def test_python_in_shell_scripts_imports_what_there_is() -> None:
+    """No type checker reads it."""
+    lines = [
+        line
+        for path in (ROOT / "deploy").rglob("*.sh")
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if line.startswith(("from ", "import "))
+    ]
+    assert any("common.config" in line for line in lines)
+    for line in lines:
+        exec(line, {})
