@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import fcntl
 import json
+import os
+import stat
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import IO, Any
 
 import zenoh
 
@@ -53,7 +55,7 @@ class Bus:
         longest = max(sockets.values(), key=len)
         if len(longest) > _SOCKET_PATH_LIMIT:
             raise ConfigError(f"{longest}: too long for a Unix socket; choose a shorter runtime directory")
-        self._owner = (runtime / f"{name}.owner").open("w")
+        self._owner = _lock_file(runtime, name)
         try:
             fcntl.flock(self._owner, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
@@ -147,6 +149,22 @@ class Bus:
         thread = threading.Thread(target=work, name=name, daemon=True)
         self._threads.append(thread)
         thread.start()
+
+
+def _lock_file(runtime: Path, name: str) -> IO[bytes]:
+    """The file whose lock says that the process runs; never one that a link leads elsewhere to.
+
+    Raises:
+        ConfigError: the directory is missing or others may write into it, or the file cannot be opened.
+    """
+    try:
+        folder = runtime.stat()
+        if stat.S_IMODE(folder.st_mode) & 0o022 or (folder.st_uid not in (os.geteuid(), 0) and os.geteuid() != 0):
+            raise ConfigError(f"{runtime}: others may write here; a runtime directory has mode 0700 and is one's own")
+        flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+        return os.fdopen(os.open(runtime / f"{name}.owner", flags, 0o600), "r+b")
+    except OSError as error:
+        raise ConfigError(f"{error.filename or runtime}: cannot be opened: {error.strerror}") from error
 
 
 def _drain(subscriber: Any, on_payload: OnPayload) -> None:

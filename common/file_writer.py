@@ -66,6 +66,8 @@ class BackgroundWriter:
                 self.fault = ""
             except OSError as error:
                 self.fault = f"{error.filename or 'state'}: {error.strerror}"
+            except UnicodeEncodeError as error:
+                self.fault = f"a text that is not Unicode: {error.reason}"
 
 
 def replace_file(path: Path, content: str) -> None:
@@ -81,14 +83,34 @@ def replace_file(path: Path, content: str) -> None:
         file.flush()
         os.fsync(file.fileno())
     beside.rename(path)
+    _flush_folder(path.parent)
 
 
 def _append(path: Path, line: str) -> None:
+    """Add a line. One that a power cut tore is ended first, so that no more than that one is lost."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.exists() and path.stat().st_size > _ROTATE_BYTES:
         path.rename(path.with_name(f"{path.name}.old"))
-    with path.open("a", encoding="utf-8") as file:
-        file.write(line + "\n")
+    new = not path.exists()
+    with path.open("a+b") as file:
+        if file.tell() > 0:
+            file.seek(-1, os.SEEK_END)
+            if file.read(1) != b"\n":
+                file.write(b"\n")
+        file.write(line.encode("utf-8") + b"\n")
+        file.flush()
+        os.fsync(file.fileno())
+    if new:
+        _flush_folder(path.parent)
+
+
+def _flush_folder(folder: Path) -> None:
+    """A new name in a folder is on the disk only once the folder is."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def state_directory(configured: str, runtime: Path) -> Path:

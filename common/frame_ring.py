@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from common.errors import DeviceError
 from common.messages import Frame
 
 Image = NDArray[np.uint8]
@@ -23,7 +24,11 @@ _NAME = "frames.ring"
 
 
 class FrameRing:
-    """The writer's side, in the camera process."""
+    """Writer's side; made by the camera process.
+
+    Raises:
+        DeviceError: the runtime directory has no room for the frames.
+    """
 
     def __init__(self, runtime: Path, width_px: int, height_px: int) -> None:
         self._stride = _slot_bytes(width_px, height_px)
@@ -31,8 +36,13 @@ class FrameRing:
         path.unlink(missing_ok=True)  # readers of an earlier run keep the old file
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
         try:
-            os.ftruncate(descriptor, SLOTS * self._stride)
+            # the memory itself, now: a sparse file on a full tmpfs would kill its writer by SIGBUS
+            os.posix_fallocate(descriptor, 0, SLOTS * self._stride)
             self._memory = mmap.mmap(descriptor, SLOTS * self._stride)
+        except OSError as error:
+            path.unlink(missing_ok=True)
+            megabytes = SLOTS * self._stride / 1e6
+            raise DeviceError(f"{path}: no room for {megabytes:.0f} MB of frames: {error.strerror}") from error
         finally:
             os.close(descriptor)
         self._shape = (height_px, width_px)

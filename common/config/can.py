@@ -29,8 +29,8 @@ class DriveConfig(Section):
     """One CiA 402 drive on the bus."""
 
     node_id: Annotated[int, Field(ge=1, le=127)]
-    counts_per_turn: Annotated[int, Field(ge=1)] = 65536
-    gear_ratio: Positive = 1.0
+    counts_per_turn: Annotated[int, Field(ge=4, le=2**28)] = 65536
+    gear_ratio: Annotated[float, Field(ge=0.1, le=1000.0)] = 1.0
     sign: Literal[1, -1] = 1
     zero_counts: Annotated[
         int, Field(ge=-(2**31), lt=2**31, description="absolute encoder at the zero of the axis")

@@ -84,8 +84,8 @@ class BaseConfig(Section):
     pauses. 0 V switches the check off.
     """
 
-    wheel_radius_m: Positive
-    track_m: Positive
+    wheel_radius_m: Annotated[float, Field(ge=0.03, le=0.30, description="every speed is as right as this")]
+    track_m: Annotated[float, Field(ge=0.20, le=1.50)]
     latency_ms: NonNegative
     battery_low_v: NonNegative = 0.0
     battery_min_v: NonNegative = 0.0

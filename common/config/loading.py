@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,8 +10,10 @@ from pydantic import BaseModel, ValidationError
 
 from common.config.robots import Config
 from common.errors import ConfigError
+from common.parsing import MOST_DEPTH, UnreadableError, parse_toml, read_text
 
 M = TypeVar("M", bound=BaseModel)
+_MOST_SHOWN = 80
 _REMOVED = {"controller.solver": ": controller.method chooses it: davpc, paper_fatrop or paper_ipopt"}
 
 
@@ -27,11 +28,11 @@ def load_config(path: Path, overrides: Sequence[str] = ()) -> Config:
         ConfigError: the file is missing or not TOML, a key is unknown, a value out of range.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = parse_toml(read_text(path))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+    except UnreadableError as error:
+        raise ConfigError(f"{path}: {error}") from error
     for override in overrides:
         _apply(table, override)
     return validate(Config, table, str(path))
@@ -53,7 +54,7 @@ def validate(model: type[M], table: Mapping[str, Any], origin: str) -> M:
         if first["type"] == "extra_forbidden":
             what = "unknown key" + _REMOVED.get(key, "")
         elif first["type"] != "missing" and not isinstance(first["input"], dict | tuple | BaseModel):
-            what = f"{what}, got {first['input']!r}"
+            what = f"{what}, got {_short(first['input'])}"
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         raise ConfigError(f"{origin}: {key}: {what}{more}") from error
 
@@ -73,17 +74,28 @@ def default_config_path() -> Path:
 def _apply(table: dict[str, Any], override: str) -> None:
     key, separator, value = override.partition("=")
     if not separator:
-        raise ConfigError(f"override {override!r}: write it as table.key=value")
+        raise ConfigError(f"override {_short(override)}: write it as table.key=value")
     try:
-        parsed = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        parsed = value
-    *parents, last = key.strip().split(".")
+        given = parse_toml(f"value = {value}")
+    except UnreadableError:
+        given = {"value": value}
+    parsed = given["value"] if given.keys() == {"value"} else value
+    *parents, last = parts = key.strip().split(".")
+    if not all(parts):
+        raise ConfigError(f"override {_short(override)}: write it as table.key=value")
+    if len(parents) > MOST_DEPTH:
+        raise ConfigError(f"override {_short(override)}: no table is nested that deeply")
     for parent in parents:
         table = table.setdefault(parent, {})
         if not isinstance(table, dict):
-            raise ConfigError(f"override {override!r}: {parent} is not a table")
+            raise ConfigError(f"override {_short(override)}: {parent} is not a table")
     table[last] = parsed
+
+
+def _short(value: object) -> str:
+    """As a user gave it, cut where it is longer than a line should be."""
+    text = repr(value)
+    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}…"
 
 
 def _tuples(value: Any) -> Any:

@@ -50,6 +50,7 @@ class CameraConfig(Section):
     mount_xyz_m: Xyz
     mount_tilt_deg: Xyz = (0.0, 0.0, 0.0)
     calibration: str = ""
+    calibration_max_days: Annotated[int, Field(ge=1, le=3650, description="older ones arm nothing")] = 365
     lens: LensConfig
 
     @cached_property

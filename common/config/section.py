@@ -6,10 +6,11 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
+Positive = Annotated[float, Field(ge=1e-9, le=1e9)]
+NonNegative = Annotated[float, Field(ge=0, le=1e9)]
 Pair = tuple[float, float]
-Xyz = tuple[float, float, float]
+Coordinate = Annotated[float, Field(ge=-100.0, le=100.0)]
+Xyz = tuple[Coordinate, Coordinate, Coordinate]
 
 
 class Section(BaseModel):

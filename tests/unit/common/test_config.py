@@ -60,8 +60,52 @@ def test_missing_and_broken_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"broken\.toml: not valid TOML"):
         load_config(broken)
     broken.write_bytes(b"\xff\xfe")
-    with pytest.raises(ConfigError, match=r"broken\.toml: not valid TOML"):
+    with pytest.raises(ConfigError, match=r"broken\.toml: line 1 is not UTF-8"):
         load_config(broken)
+
+
+HUGE = "9" * 5000
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("", "deep = " + "[" * 3000 + "]" * 3000 + "\n"),
+        ("", "deep = " + "{a=" * 2000 + "1" + "}" * 2000 + "\n"),
+        ("", ".".join(["a"] * 300) + " = 1\n"),
+        ("track_m = 0.50", f"track_m = {HUGE}"),
+        ("track_m = 0.50", f"track_m = {HUGE[:400]}"),
+        ("track_m = 0.50", "track_m = 1e300"),
+        ("wheel_radius_m = 0.085", "wheel_radius_m = 1e-300"),
+        ("wheel_radius_m = 0.085", "wheel_radius_m = 0.0085"),
+        ("gear_ratio = 20.0", "gear_ratio = 1e-9"),
+        ("-0.163624", "1e300"),
+    ],
+)
+def test_what_no_robot_can_be_is_one_short_line(tmp_path: Path, config_path: Path, before: str, after: str) -> None:
+    text = config_path.read_text()
+    assert before in text
+    path = tmp_path / "own.toml"
+    path.write_text(text.replace(before, after, 1) if before else after + text)
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 300 + len(str(path))
+
+
+@pytest.mark.parametrize("override", ["=", ".=1", "base..x=1", "base.track_m=" + "[" * 3000, f"base.track_m={HUGE}"])
+def test_hostile_overrides_are_one_short_line(config_path: Path, override: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_config(config_path, [override])
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 300 + len(str(config_path))
+
+
+def test_a_byte_order_mark_is_no_mistake(tmp_path: Path, config_path: Path) -> None:
+    path = tmp_path / "own.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + config_path.read_bytes())
+    assert load_config(path).model_dump() == load_config(config_path).model_dump()
 
 
 def test_a_missing_table_is_named(tmp_path: Path, config_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from pathlib import Path
 
@@ -73,6 +74,46 @@ def test_a_failed_replacement_leaves_the_old_file(tmp_path: Path, monkeypatch: p
     with pytest.raises(OSError, match="No space"):
         replace_file(path, "new\n")
     assert path.read_text() == "old\n"
+
+
+def test_a_line_that_a_power_cut_tore_takes_no_other_with_it(tmp_path: Path) -> None:
+    path = tmp_path / "lines"
+    for cut in range(8):
+        path.write_bytes(b"first\n" + b"second\n"[:cut])
+        writer = BackgroundWriter()
+        writer.append_line(path, "third")
+        writer.close(20.0)
+        assert path.read_text().splitlines()[0] == "first"
+        assert path.read_text().splitlines()[-1] == "third"
+
+
+def test_a_line_is_on_the_disk_when_it_counts_as_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    flushed = []
+
+    def fsync(descriptor: int) -> None:
+        flushed.append(os.readlink(f"/proc/self/fd/{descriptor}"))
+
+    monkeypatch.setattr("os.fsync", fsync)
+    for _ in range(2):
+        writer = BackgroundWriter()
+        writer.append_line(tmp_path / "lines", "text")
+        writer.close(20.0)
+    replace_file(tmp_path / "count", "1")
+    assert flushed == [
+        str(tmp_path / "lines"),
+        str(tmp_path),
+        str(tmp_path / "lines"),
+        str(tmp_path / ".count.new"),
+        str(tmp_path),
+    ]
+
+
+def test_a_text_that_is_not_unicode_is_named_and_stops_nothing(tmp_path: Path) -> None:
+    writer = BackgroundWriter()
+    writer.append_line(tmp_path / "lines", "\ud800")
+    writer.append_line(tmp_path / "lines", "kept")
+    writer.close(20.0)
+    assert (tmp_path / "lines").read_text() == "kept\n"
 
 
 def test_the_state_lies_where_it_is_configured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from common.errors import DeviceError
 from common.frame_ring import SLOTS, FrameReader, FrameRing
 from common.messages import Frame
 
@@ -59,3 +61,21 @@ def test_a_restarted_writer_is_followed(tmp_path: Path) -> None:
     image = reader.read(write(FrameRing(tmp_path, WIDTH, HEIGHT), 2))
     assert image is not None
     assert (image == 2).all()
+
+
+def test_a_full_runtime_directory_is_named_before_a_frame_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_descriptor: int, _offset: int, _length: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.posix_fallocate", full)
+    with pytest.raises(DeviceError, match=r"frames\.ring: no room for .* MB of frames: No space left"):
+        FrameRing(tmp_path, WIDTH, HEIGHT)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_memory_is_there_from_the_start(tmp_path: Path) -> None:
+    FrameRing(tmp_path, WIDTH, HEIGHT)
+    file = (tmp_path / "frames.ring").stat()
+    assert file.st_blocks * 512 >= file.st_size
