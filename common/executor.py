@@ -20,10 +20,13 @@ from common.bus import Bus, OnPayload, OnRequest
 from common.channels import Channel, health_channel
 from common.config import load_config
 from common.errors import ConfigError, DeviceError
+from common.file_writer import BackgroundWriter, state_directory
 from common.memory import lock_memory
 from common.messages import Answer, Health, Message, MessageError
-from common.node import Inbox, Node, NodeContext, Outbox, RequestDesk
+from common.node import Inbox, Node, NodeContext, Outbox
+from common.parsing import UnreadableError, read_text
 from common.processes import PROCESSES, Process, process
+from common.request_desk import RequestDesk
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, Schedule
 
 EXIT_BUG, EXIT_CONFIG, EXIT_DEVICE = 1, 2, 3
@@ -98,7 +101,7 @@ class ProcessExecutor:
         self._node, self._clock, self._log = node, clock, log
         self._inbox = Inbox(clock.boot_id)
         self._outbox = Outbox(node.name, context.run_id, clock.boot_id)
-        self._desk = RequestDesk()
+        self._desk = RequestDesk(clock.boot_id, self._packed)
         self._desk_lock = threading.Lock()
         self._wake = threading.Event()
         self._stopping = False
@@ -106,6 +109,9 @@ class ProcessExecutor:
         self._durations_ns: deque[int] = deque(maxlen=1000)
         # its age shows that the loop runs, for health checks that cannot use the bus
         self._alive_file = context.runtime / f"{node.name}.alive"
+        kept = state_directory(context.config.state_directory, context.runtime)
+        self._seen_file = kept / f"requests-{node.name}.json"
+        self._writer = BackgroundWriter(limit=1)
         self._requester = ThreadPoolExecutor(max_workers=2, thread_name_prefix="request")
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
@@ -122,6 +128,7 @@ class ProcessExecutor:
 
     def __exit__(self, *_: object) -> None:
         self._requester.shutdown(wait=False, cancel_futures=True)
+        self._writer.close()
         self._bus.close()
 
     def run(self) -> int:
@@ -148,8 +155,19 @@ class ProcessExecutor:
         wakes = {channel.key for channel in self._node.trigger.wakes}
         for channel in self._node.inputs:
             self._bus.subscribe(channel, self._receiver(channel, channel.key in wakes))
+        if self._node.serves:
+            self._restore_requests()
         for channel in self._node.serves:
             self._bus.serve(channel, self._server(channel))
+
+    def _restore_requests(self) -> None:
+        """What was carried out before a restart is not carried out again."""
+        try:
+            self._desk.restore(read_text(self._seen_file))
+        except FileNotFoundError:
+            return
+        except (OSError, UnreadableError) as error:
+            self._log.warning("%s: %s: requests of before this start are not known", self._seen_file, error)
 
     def _receiver(self, channel: Channel[Any], wakes: bool) -> OnPayload:
         def receive(payload: bytes) -> None:
@@ -162,19 +180,25 @@ class ProcessExecutor:
     def _server(self, channel: Channel[Any]) -> OnRequest:
         def receive(payload: bytes, reply: Callable[[bytes], None]) -> None:
             try:
-                request = self._inbox.decode(channel, payload, self._clock.now_ns())
+                with self._desk_lock:
+                    request = self._desk.admit(channel, payload, self._clock.now_ns(), reply)
+                    content = self._desk.content() if request is not None else ""
             except MessageError as error:
-                refusal = Answer("", "refused", f"not a request: {error}"[:400])
-                reply(self._outbox.pack(channel, refusal, self._clock.now_ns()))
+                self._inbox.refuse(str(error))
                 return
-            request_id = request.message.id
-            with self._desk_lock:
-                new = self._desk.admit(request_id, reply)
-            if new and not self._inbox.put_queued(channel, request):
-                self._publish([(channel, Answer(request_id, "refused", "too many requests are waiting"))])
+            if request is None:
+                return
+            self._writer.replace(self._seen_file, content)
+            if not self._inbox.put_request(channel, request):
+                with self._desk_lock:
+                    self._desk.withdraw(request.message.id)
+                reply(self._packed(channel, Answer(request.message.id, "refused", "too many requests are waiting")))
             self._wake.set()
 
         return receive
+
+    def _packed(self, channel: Channel[Any], answer: Answer) -> bytes:
+        return self._outbox.pack(channel, answer, self._clock.now_ns())
 
     def _loop(self) -> None:
         trigger = self._node.trigger

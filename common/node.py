@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
-from collections import OrderedDict, deque
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -24,12 +24,14 @@ from typing import Any, Generic, TypeVar, cast
 from common.channels import Channel
 from common.config import Config
 from common.messages import Answer, Header, Message, MessageError, decode, encode
-from common.timing import Clock
+from common.timing import NS_PER_MS, NS_PER_S, Clock
 
 M = TypeVar("M", bound=Message)
 Output = tuple[Channel[Any], Message]
 Decoder = Callable[[type[Any], bytes], tuple[Header, Any]]
-REQUEST_BACKLOG = 64
+REQUEST_BACKLOG, URGENT_BACKLOG = 64, 8
+EARLY_NS = LATE_NS = 20 * NS_PER_MS
+_MOST_LOGGED = 200
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,7 @@ class Inbox:
         self._arrived: set[str] = set()
         self._arriving: set[str] = set()
         self._spoilt: set[str] = set()
+        self._late: dict[str, int] = {}
         self._lock = threading.Lock()
         self._queues: dict[str, deque[Received[Any]]] = {}
         self.malformed = 0
@@ -91,30 +94,36 @@ class Inbox:
     def put_state(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> None:
         """Replace the newest payload of a state channel."""
         with self._lock:
+            before = self._incoming.get(channel.key) or self._newest.get(channel.key)
             self._incoming[channel.key] = (payload, receipt_ns)
             self._arriving.add(channel.key)
+            if before is not None and receipt_ns - before[1] > NS_PER_S / channel.rate_hz + LATE_NS:
+                self._late[channel.key] = self._late.get(channel.key, 0) + 1
 
-    def put_queued(self, channel: Channel[Any], received: Received[Any]) -> bool:
-        """Append a request or an answer; false, and nothing is kept, if too many wait already."""
+    def late(self, channel: Channel[Any]) -> int:
+        """How many messages of a periodic channel came more than 20 ms after they were due."""
+        with self._lock:
+            return self._late.get(channel.key, 0)
+
+    def put_request(self, channel: Channel[Any], request: Received[Any]) -> bool:
+        """Append a request; false, and it is not kept, if too many wait. Urgent ones have places of their own."""
+        most = REQUEST_BACKLOG + (URGENT_BACKLOG if getattr(request.message, "urgent", False) else 0)
         with self._lock:
             queue = self._queues.setdefault(channel.key, deque())
-            if len(queue) >= REQUEST_BACKLOG:
+            if len(queue) >= most:
                 return False
-            queue.append(received)
+            queue.append(request)
         return True
 
     def put_answer(self, channel: Channel[Any], payload: bytes, receipt_ns: int) -> None:
         """Append the answer to one of this node's own requests on the channel; a malformed one is dropped."""
         with suppress(MessageError):
-            self.put_queued(channel, self._decode(Answer, channel, payload, receipt_ns))
+            self.put_request(channel, self._decode(Answer, channel, payload, receipt_ns))
 
-    def decode(self, channel: Channel[M], payload: bytes, receipt_ns: int) -> Received[M]:
-        """The message of a payload, for the executor that takes a request in.
-
-        Raises:
-            MessageError: malformed, or stamped in another boot; counted.
-        """
-        return self._decode(channel.message, channel, payload, receipt_ns)
+    def refuse(self, reason: str) -> None:
+        """Count bytes that were no message; keep the reason for the log as one printable line of a bounded length."""
+        self.malformed += 1
+        self.faults.append("".join(c if c.isprintable() else "?" for c in reason[:_MOST_LOGGED]))
 
     def newest(self, channel: Channel[M]) -> Received[M] | None:
         """The newest valid message ever received, of any age."""
@@ -127,7 +136,7 @@ class Inbox:
             return cast("Received[M] | None", known[1])
         received: Received[M] | None
         try:
-            received = self.decode(channel, payload, receipt_ns)
+            received = self._decode(channel.message, channel, payload, receipt_ns)
         except MessageError:
             self._spoilt.add(channel.key)
             received = known[1] if known is not None else None
@@ -137,13 +146,14 @@ class Inbox:
     def fresh(self, channel: Channel[M], now_ns: int) -> M | None:
         """The newest message if it is younger than the channel's maximum age.
 
-        Within a robot the age counts from the source's stamp, between robots from local receipt.
+        Within a robot the age counts from the source's stamp, between robots from local receipt. A step begins a
+        little before it looks, so that a message may be younger than the step; one from further ahead is not fresh.
         """
         received = self.newest(channel)
         if received is None:
             return None
         since_ns = received.receipt_ns if channel.reach == "pair" else received.header.stamp_ns
-        return received.message if now_ns - since_ns <= channel.max_age_ns else None
+        return received.message if -EARLY_NS <= now_ns - since_ns <= channel.max_age_ns else None
 
     def arrived(self, channel: Channel[M]) -> M | None:
         """The newest message, if it came since the last step and could be decoded."""
@@ -180,8 +190,7 @@ class Inbox:
             if channel.reach == "robot" and header.boot_id != self._boot_id:
                 raise MessageError(f"{channel.key}: stamped in another boot")
         except MessageError as error:
-            self.malformed += 1
-            self.faults.append(str(error))
+            self.refuse(str(error))
             raise
         return Received(message, header, receipt_ns)
 
@@ -227,30 +236,3 @@ class Outbox:
         sequence = self._sequences.get(channel.key, 0) + 1
         self._sequences[channel.key] = sequence
         return encode(message, Header(self._source, self._run_id, sequence, now_ns, self._boot_id))
-
-
-class RequestDesk:
-    """Makes requests idempotent: each id reaches the node once and always gets the same answer."""
-
-    def __init__(self) -> None:
-        self._answers: OrderedDict[str, bytes] = OrderedDict()
-        self._waiting: dict[str, Callable[[bytes], None]] = {}
-
-    def admit(self, request_id: str, reply: Callable[[bytes], None]) -> bool:
-        """Whether the request is new to the node; a known one is answered here, now or once the answer is there."""
-        known = self._answers.get(request_id)
-        if known is not None:
-            reply(known)
-            return False
-        first = request_id not in self._waiting
-        self._waiting[request_id] = reply
-        return first
-
-    def settle(self, answer: Answer, payload: bytes) -> None:
-        """Send the node's answer to the waiting caller, and keep it for repeated requests."""
-        self._answers[answer.id] = payload
-        while len(self._answers) > REQUEST_BACKLOG:
-            self._answers.popitem(last=False)
-        reply = self._waiting.pop(answer.id, None)
-        if reply is not None:
-            reply(payload)

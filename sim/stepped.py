@@ -11,14 +11,15 @@ import heapq
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from common.channels import Channel
 from common.messages import Answer, Header, Message, decode
-from common.node import Inbox, Node, Outbox, RequestDesk
+from common.node import Inbox, Node, Outbox
 from common.processes import PROCESSES
+from common.request_desk import RequestDesk
 from common.timing import NS_PER_MS, SteppedClock
 
 TRANSPORT_DELAY_NS = NS_PER_MS // 3
@@ -34,7 +35,7 @@ class _RunningNode:
     node: Node
     inbox: Inbox
     outbox: Outbox
-    desk: RequestDesk = field(default_factory=RequestDesk)
+    desk: RequestDesk
     due: bool = False
 
 
@@ -65,10 +66,7 @@ class SteppedExecutor:
     def __init__(self, nodes: Sequence[Node], clock: SteppedClock) -> None:
         self._clock = clock
         decoder = _SharedDecoder()
-        self._running = [
-            _RunningNode(node, Inbox(clock.boot_id, decoder), Outbox(node.name, number, clock.boot_id))
-            for number, node in enumerate(nodes, start=1)
-        ]
+        self._running = [self._made(node, number, decoder) for number, node in enumerate(nodes, start=1)]
         self._receivers: dict[str, list[tuple[_RunningNode, bool]]] = {}
         for running in self._running:
             wakes = {channel.key for channel in running.node.trigger.wakes}
@@ -116,6 +114,12 @@ class SteppedExecutor:
         """Step node ``name`` again after :meth:`halt`; messages that came meanwhile are waiting."""
         self._halted.discard(name)
 
+    def _made(self, node: Node, number: int, decoder: _SharedDecoder) -> _RunningNode:
+        boot_id = self._clock.boot_id
+        outbox = Outbox(node.name, number, boot_id)
+        desk = RequestDesk(boot_id, lambda channel, answer: outbox.pack(channel, answer, self._clock.now_ns()))
+        return _RunningNode(node, Inbox(boot_id, decoder), outbox, desk)
+
     @property
     def malformed(self) -> int:
         """Messages that a node could not decode."""
@@ -161,7 +165,7 @@ class SteppedExecutor:
         if isinstance(message, Answer):
             sender.desk.settle(message, payload)
         elif channel.kind == "request":
-            self._at(arrives_ns, partial(self._ask, sender, channel, message, payload))
+            self._at(arrives_ns, partial(self._ask, sender, channel, payload))
         else:
             for receiver, wakes in self._receivers.get(channel.key, ()):
                 if self._cut_ns is not None and self._parted(sender, receiver):
@@ -173,7 +177,7 @@ class SteppedExecutor:
         if wakes:
             self._wake(receiver)
 
-    def _ask(self, asker: _RunningNode, channel: Channel[Any], message: Any, payload: bytes) -> None:
+    def _ask(self, asker: _RunningNode, channel: Channel[Any], payload: bytes) -> None:
         for server in self._running:
             if self._cut_ns is not None and self._parted(asker, server):
                 continue
@@ -183,10 +187,10 @@ class SteppedExecutor:
                     arrives_ns = self._clock.now_ns() + TRANSPORT_DELAY_NS
                     self._at(arrives_ns, partial(self._answered, asker, channel, answer))
 
-                if server.desk.admit(message.id, reply):
-                    request = server.inbox.decode(channel, payload, self._clock.now_ns())
-                    if not server.inbox.put_queued(channel, request):
-                        raise RuntimeError(f"{channel.key}: too many requests are waiting")
+                request = server.desk.admit(channel, payload, self._clock.now_ns(), reply)
+                if request is not None:
+                    if not server.inbox.put_request(channel, request):
+                        raise RuntimeError(f"{channel.key}: too many requests wait")
                     self._wake(server)
 
     def _answered(self, asker: _RunningNode, channel: Channel[Any], answer: bytes) -> None:

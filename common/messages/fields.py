@@ -14,6 +14,7 @@ Metres = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Speed = Annotated[float, Field(ge=-10.0, le=10.0)]
 Torque = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Text = Annotated[str, Field(max_length=400)]
+RequestId = Annotated[str, Field(min_length=1, max_length=100)]
 Point2 = tuple[float, float]
 Phase = Literal[
     "idle",

@@ -56,7 +56,8 @@ def values(annotation: Any) -> st.SearchStrategy[Any]:
         if arguments[0] is int:
             return st.integers(low, high)
         if arguments[0] is str:
-            return st.text(max_size=bounds["MaxLen"].max_length)
+            least = bounds["MinLen"].min_length if "MinLen" in bounds else 0
+            return st.text(min_size=least, max_size=bounds["MaxLen"].max_length)
         size = bounds.get("MinLen")
         item = values(get_args(arguments[0])[0])
         return st.lists(item, min_size=size.min_length if size else 0, max_size=bounds["MaxLen"].max_length).map(

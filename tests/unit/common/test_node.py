@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import pytest
 
-from common.channels import DOCK_REQUEST, DOCKING_STATE, LEADER_STATE, LOCK_REQUEST, MISSION, Channel
+from common.channels import DOCK_REQUEST, DOCKING_STATE, LEADER_STATE, MISSION, Channel
 from common.config import Config
-from common.messages import Answer, DockRequest, Header, LeaderState, MessageError, decode, encode
-from common.node import REQUEST_BACKLOG, Inbox, Outbox, RequestDesk
-from common.timing import NS_PER_MS
+from common.messages import DockRequest, Header, LeaderState, decode, encode
+from common.node import REQUEST_BACKLOG, Inbox, Outbox, Received
+from common.timing import NS_PER_MS, NS_PER_S
 
 LEADER = LeaderState(True, "", (1.0,), False, "down", "open", 0.0, 0)
 LOCAL = Channel("robot/test", LeaderState, "leader", 10, 100)
@@ -86,42 +88,31 @@ def test_what_comes_during_a_step_belongs_to_the_next(inbox: Inbox) -> None:
     assert seen == [1, 2, None]
 
 
-def test_requests_are_all_kept_in_order_and_bounded(inbox: Inbox) -> None:
-    for n in range(REQUEST_BACKLOG + 5):
-        request = DockRequest(str(n), 10, "start")
-        payload = encode(request, Header("cli", 1, n, 0, "boot"))
-        kept = inbox.put_queued(DOCK_REQUEST, inbox.decode(DOCK_REQUEST, payload, 0))
-        assert kept == (n < REQUEST_BACKLOG)
+def test_requests_are_all_kept_in_order_and_bounded_but_an_abort_finds_a_place(inbox: Inbox) -> None:
+    def put(request_id: str, action: Literal["start", "abort"]) -> bool:
+        request = Received(DockRequest(request_id, 10, action), Header("cli", 1, 1, 0, "boot"), 0)
+        return inbox.put_request(DOCK_REQUEST, request)
+
+    assert [put(str(n), "start") for n in range(REQUEST_BACKLOG + 1)] == [True] * REQUEST_BACKLOG + [False]
+    assert put("abort", "abort")
     ids = [received.message.id for received in inbox.requests(DOCK_REQUEST)]
-    assert ids == [str(n) for n in range(REQUEST_BACKLOG)]
+    assert ids == [*(str(n) for n in range(REQUEST_BACKLOG)), "abort"]
     assert inbox.requests(DOCK_REQUEST) == []
 
 
-def test_a_malformed_request_is_refused_on_arrival_and_counted(inbox: Inbox) -> None:
-    with pytest.raises(MessageError, match="MessagePack"):
-        inbox.decode(DOCK_REQUEST, b"garbage", 0)
-    request = encode(DockRequest("a", 10, "start"), Header("cli", 1, 1, 0, "before the reboot"))
-    with pytest.raises(MessageError, match="stamped in another boot"):
-        inbox.decode(DOCK_REQUEST, request, 0)
-    assert inbox.malformed == 2
+@pytest.mark.parametrize(("ahead_ms", "fresh"), [(0, True), (19, True), (21, False), (10_000, False)])
+def test_a_message_from_the_future_is_not_fresh(inbox: Inbox, ahead_ms: int, fresh: bool) -> None:
+    stamp_ns = NS_PER_S + ahead_ms * NS_PER_MS
+    inbox.put_state(LOCAL, encode(LEADER, Header("leader", 1, 1, stamp_ns, "boot")), NS_PER_S)
+    inbox.begin_step()
+    assert (inbox.fresh(LOCAL, NS_PER_S) is not None) == fresh
 
 
-def test_a_malformed_answer_is_counted_and_dropped(inbox: Inbox) -> None:
-    inbox.put_answer(LOCK_REQUEST, b"garbage", 0)
-    inbox.put_answer(LOCK_REQUEST, encode(Answer("a", "done", ""), Header("leader", 1, 1, 0, "another machine")), 0)
-    assert inbox.answers(LOCK_REQUEST) == [Answer("a", "done", "")]
-    assert inbox.answers(LOCK_REQUEST) == []
-    assert inbox.malformed == 1
-
-
-def test_a_repeated_request_reaches_the_node_once_and_is_answered_the_same() -> None:
-    desk, replies = RequestDesk(), list[tuple[str, bytes]]()
-    assert desk.admit("a", lambda payload: replies.append(("first", payload)))
-    assert not desk.admit("a", lambda payload: replies.append(("again", payload)))
-    desk.settle(Answer("a", "done", ""), b"answer")
-    assert replies == [("again", b"answer")]
-    assert not desk.admit("a", lambda payload: replies.append(("late", payload)))
-    assert replies[-1] == ("late", b"answer")
+def test_what_is_logged_of_bad_bytes_is_one_short_printable_line(inbox: Inbox) -> None:
+    inbox.refuse("schema 'x\n2026-01-01 follower-supervisor INFO all is well" + "x" * 10_000)
+    (line,) = inbox.faults
+    assert line.isprintable()
+    assert len(line) <= 200
 
 
 def test_headers_number_each_channel_by_itself() -> None:
