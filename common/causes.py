@@ -21,8 +21,8 @@ class Cause:
     remedy: str
 
 
-# the bridge's causes, before a colon, while a drive is silent or frames are implausible: S1, may pass by itself
-NODE_SILENT, BAD_FRAMES = "node_silent", "bad_frames"
+# the bridge's causes, before a colon, for what may pass by itself (S1)
+NODE_SILENT, BAD_FRAMES, BUS_LOST = "node_silent", "bad_frames", "bus_lost"
 _LOOK: Final = "look at the robots, then `davpc dock reset`"
 _CAUSES: Final[tuple[Cause, ...]] = (
     Cause("operator_abort", "S1", "the operator aborted it", "`davpc dock start` when ready"),
@@ -31,7 +31,7 @@ _CAUSES: Final[tuple[Cause, ...]] = (
     ),
     Cause("drives_disarmed", "S1", "the drives disarmed by themselves", "see the CAN bridge's log"),
     Cause("stop_input", "S2", "emergency or protective stop, or their input is silent", f"clear the stop, {_LOOK}"),
-    Cause("drive_fault", "S2", "a drive reported a fault, or the bus was lost", f"`davpc can monitor`; {_LOOK}"),
+    Cause("drive_fault", "S2", "a drive reported a fault, or restarted", f"`davpc can monitor`; {_LOOK}"),
     Cause(
         "gate_stop",
         "S1",

@@ -112,7 +112,7 @@ class Drives:
     measurements are real.
     """
 
-    SCHEMA: ClassVar[str] = "drives/3"
+    SCHEMA: ClassVar[str] = "drives/4"
     state: Literal["starting", "disarmed", "enabling", "armed", "stopped", "fault"]
     cause: Text  # of state "stopped" or "fault"
     epoch: Count
@@ -125,7 +125,7 @@ class Drives:
     grip_angle_rad: tuple[float, float]
     lift_m: float
     stop_inputs_clear: bool  # emergency stop and protective stop
-    battery_v: Annotated[float, Field(ge=0, le=200)]
+    battery_v: Annotated[float, Field(ge=0, le=200)] | None  # None: what is read can be no battery's voltage
     v_set_m_s: Speed  # the twist last sent to the wheels
     w_set_rad_s: Speed
     command_sequence: Count  # last accepted command

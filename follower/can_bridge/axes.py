@@ -40,6 +40,7 @@ _QUICK_STOP_THEN_OFF = 2
 _QUICK_STOP_AND_HOLD = 6
 _ABORT_BY_QUICK_STOP = 3
 _INT32 = 1 << 32
+MOST_TORQUE_N_M = 1000.0  # no joint or gripper of these robots gives more: a frame that says so is not genuine
 # most answers that can be due: as many cycles as the drives wait before their watchdogs stop them
 OUTSTANDING = 8
 
@@ -181,15 +182,16 @@ class Axis:
         self.expected[pdo] -= 1
         if pdo == 1:
             self._set_position(struct.unpack("<i", data)[0])
-        elif self.mode is Mode.PROFILE_VELOCITY:
-            status, velocity, torque = struct.unpack("<Hih", data)
-            self.velocity = velocity / self.counts_per_unit
-            self.torque_n_m = torque / self.permille_per_n_m
-            self._set_status(status)
-        elif self.mode is Mode.PROFILE_TORQUE:
-            status, position, torque = struct.unpack("<Hih", data)
-            self.torque_n_m = torque / self.permille_per_n_m
-            self._set_position(position)
+        elif self.mode in (Mode.PROFILE_VELOCITY, Mode.PROFILE_TORQUE):
+            status, moved, permille = struct.unpack("<Hih", data)
+            torque_n_m = permille / self.permille_per_n_m
+            if abs(torque_n_m) > MOST_TORQUE_N_M:
+                return False
+            self.torque_n_m = torque_n_m
+            if self.mode is Mode.PROFILE_VELOCITY:
+                self.velocity = moved / self.counts_per_unit
+            else:
+                self._set_position(moved)
             self._set_status(status)
         else:
             status, position = struct.unpack("<Hi", data)

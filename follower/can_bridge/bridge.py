@@ -136,9 +136,8 @@ class Bridge:
             wanted: the mission is armed, under an epoch that was not stopped.
         """
         stalls, self._was_stalled = bool(measured.stalled) and not self._was_stalled, bool(measured.stalled)
-        if measured.faults or not measured.bus_ok:
-            self.state = "fault"
-            self.cause = measured.faults[0] if measured.faults else "bus lost"
+        if measured.faults:
+            self.state, self.cause = "fault", measured.faults[0]
             if wanted:
                 self._stopped_epoch = self.epoch
         elif stalls or measured.passing:

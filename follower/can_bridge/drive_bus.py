@@ -161,7 +161,7 @@ class DriveBus:
         """
         faults: list[str] = []
         silent: list[str] = []
-        bad_frames = ""
+        bad_frames = bus_lost = ""
         try:
             self._receive(now_ns)
             faults = self._faults(now_ns)
@@ -174,8 +174,17 @@ class DriveBus:
                 raise BusLostError(self._inbound.restarted)
         except BusLostError as error:
             self._lose(str(error))
-            faults.insert(0, self._lost)
-        return replace(self._measurement(now_ns), faults=tuple(faults), silent=tuple(silent), bad_frames=bad_frames)
+            if self._inbound.restarted:
+                faults.insert(0, self._lost)
+            else:
+                bus_lost = self._lost
+        return replace(
+            self._measurement(now_ns),
+            faults=tuple(faults),
+            silent=tuple(silent),
+            bad_frames=bad_frames,
+            bus_lost=bus_lost,
+        )
 
     def _bring_up(self, bus: CanBus) -> None:
         config = self._config

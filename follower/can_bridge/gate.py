@@ -24,6 +24,7 @@ from common.ceilings import (
 from common.config import BaseConfig, LimitsConfig
 from common.messages import Command, Phase, command_checksum
 from common.timing import NS_PER_MS, NS_PER_S
+from follower.can_bridge.angle_watch import AngleWatch
 from follower.can_bridge.measurement import STATUS_MAX_AGE_MS
 from follower.can_bridge.wheel_tracking import WheelTrackingMonitor
 
@@ -127,6 +128,7 @@ class Gate:
         self._window: deque[tuple[int, float, float]] = deque(maxlen=WINDOW_ENTRIES)
         self._status: WheelStatus | None = None
         self._tracking = (WheelTrackingMonitor(), WheelTrackingMonitor())
+        self._angles = (AngleWatch(), AngleWatch())
 
     def step(
         self,
@@ -151,8 +153,12 @@ class Gate:
         if token is not None and token.epoch != self._epoch:
             self._begin(token.epoch)
         dropped = self._accept(newest, token)
-        jump = self._jumped(status)
-        self._latched = self._latched or jump or (dropped if dropped in LATCHING else "")
+        wrong = self._jumped(status)
+        if wrong:
+            self._angles = (AngleWatch(), AngleWatch())
+        else:
+            wrong = self._contradicted(status)
+        self._latched = self._latched or wrong or (dropped if dropped in LATCHING else "")
         rule = self._stop_rule(now_ns, token, status, inputs) or self._latched
         clipped: list[str] = []
         v, w = 0.0, 0.0
@@ -243,6 +249,17 @@ class Gate:
         farther = max(abs(status.left_rad - before.left_rad), abs(status.right_rad - before.right_rad))
         jumped = faster * self._radius > MAX_MEASURED_JUMP_M_S or farther * self._radius > MAX_MEASURED_STEP_M
         return "measured_jump" if jumped else ""
+
+    def _contradicted(self, status: WheelStatus) -> str:
+        """An angle that does not follow its speed: an encoder that stands, runs backwards or has another scale."""
+        if status.measured_ns < 0:
+            return ""
+        wheels = ((status.left_rad, status.left_rad_s), (status.right_rad, status.right_rad_s))
+        wrong = [
+            watch.step(status.measured_ns, angle * self._radius, speed * self._radius)
+            for watch, (angle, speed) in zip(self._angles, wheels, strict=True)
+        ]
+        return "measured_angle" if any(wrong) else ""
 
     def _not_tracking(self, now_ns: int, v: float, w: float, status: WheelStatus) -> str:
         """A wheel does not follow its set-point: blocked, stuck encoder, wrong sign. Checked on every frame."""

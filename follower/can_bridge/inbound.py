@@ -6,7 +6,16 @@ from collections import deque
 from collections.abc import Sequence
 
 from common.canopen.cia402 import DriveState
-from common.canopen.frames import EMCY, HEARTBEAT, HEARTBEAT_LOST, STATE_BOOT_UP, TPDO, CanFrame, decode_emergency
+from common.canopen.frames import (
+    EMCY,
+    HEARTBEAT,
+    HEARTBEAT_LOST,
+    STATE_BOOT_UP,
+    TPDO,
+    CanFrame,
+    Emergency,
+    decode_emergency,
+)
 from common.config import BATTERY_V_PER_COUNT
 from common.timing import NS_PER_MS
 from follower.can_bridge.axes import OUTSTANDING, Axis
@@ -15,24 +24,29 @@ from follower.can_bridge.measurement import STATUS_MAX_AGE_MS
 MALFORMED_LIMIT = 3
 MALFORMED_WINDOW_MS = 1000
 _EMERGENCIES_KEPT = 8
+# beyond them no battery is measured: an open wire reads full scale
+LOWEST_BATTERY_V, HIGHEST_BATTERY_V = -1.0, 200.0
 
 
 class StopModule:
-    """The Follower's CiA 401 module: bit 0 e-stop clear, bit 1 protective stop clear, analogue 1 battery voltage."""
+    """The Follower's CiA 401 module: bit 0 e-stop clear, bit 1 protective stop clear, analogue 1 battery voltage.
+
+    ``battery_v`` is None while what the input reads can be no battery's voltage.
+    """
 
     name = "follower I/O"
 
     def __init__(self, node_id: int) -> None:
         self.node_id = node_id
         self.status_ns = -1
-        self.emergency = ""
-        self.battery_v = 0.0
+        self.emergency: Emergency | None = None
+        self.battery_v: float | None = 0.0
         self.bits = 0
         self.expected = 0
 
     def restart(self) -> None:
         """Forget what an earlier connection reported."""
-        self.status_ns, self.expected, self.bits, self.emergency = -1, 0, 0, ""
+        self.status_ns, self.expected, self.bits, self.emergency = -1, 0, 0, None
 
     def handle_pdo(self, data: bytes, stamp_ns: int) -> bool:
         """Take its TPDO; false when it cannot be genuine."""
@@ -40,7 +54,8 @@ class StopModule:
             return False
         self.expected -= 1
         self.bits = data[0]
-        self.battery_v = max(int.from_bytes(data[1:], "little", signed=True), 0) * BATTERY_V_PER_COUNT
+        volts = int.from_bytes(data[1:], "little", signed=True) * BATTERY_V_PER_COUNT
+        self.battery_v = max(volts, 0.0) if LOWEST_BATTERY_V <= volts <= HIGHEST_BATTERY_V else None
         self.status_ns = stamp_ns
         return True
 
@@ -88,7 +103,7 @@ class Inbound:
         """Forget emergencies and malformed frames: the operator acknowledged them."""
         for axis in self.axes:
             axis.emergencies.clear()
-        self.io.emergency = ""
+        self.io.emergency = None
         self._malformed_ns.clear()
 
     def note_stall(self, now_ns: int) -> None:
@@ -101,8 +116,9 @@ class Inbound:
         Silence of the stop inputs is a fault, except while drives are silent as well: see :meth:`silent`.
         """
         found = [fault for axis in self.axes for fault in _axis_faults(axis, stalled)]
-        if self.io.emergency:
-            found.append(f"{self.io.name}: {self.io.emergency}")
+        emergency = self.io.emergency
+        if emergency is not None and not (stalled and emergency.code == HEARTBEAT_LOST):
+            found.append(f"{self.io.name}: {emergency.name}")
         if self._silent(self.io.status_ns, now_ns) and not self.silent(now_ns):
             found.append(f"{self.io.name}: node {self.io.node_id} is silent")
         return found
@@ -160,7 +176,7 @@ class Inbound:
             return False
         axis = self._by_id.get(node_id)
         if axis is None:
-            self.io.emergency = emergency.name if emergency.code else ""
+            self.io.emergency = emergency if emergency.code else None
         elif emergency.code == 0:
             axis.emergencies.clear()
         elif len(axis.emergencies) < _EMERGENCIES_KEPT:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from common.canopen.cia402 import DriveState
-from common.causes import BAD_FRAMES, NODE_SILENT
+from common.causes import BAD_FRAMES, BUS_LOST, NODE_SILENT
 
 STATUS_MAX_AGE_MS: Final = 50
 """Age from which a drive or the I/O module counts as silent, and its last report as unknown (docs/safety.md S21)."""
@@ -58,7 +58,7 @@ class BusMeasurement:
     inputs_fresh: bool
     estop_clear: bool
     protective_clear: bool
-    battery_v: float
+    battery_v: float | None
     states: tuple[DriveState, ...]
     wheels_enabled: bool
     arms_enabled: bool
@@ -69,15 +69,22 @@ class BusMeasurement:
     stalled: str = ""
     silent: tuple[str, ...] = ()
     bad_frames: str = ""
+    bus_lost: str = ""
 
     @property
     def troubles(self) -> tuple[str, ...]:
         """Everything that is wrong, in one list."""
-        return (*self.faults, *self.silent, *(text for text in (self.stalled, self.bad_frames) if text))
+        return (
+            *self.faults,
+            *self.silent,
+            *(text for text in (self.stalled, self.bad_frames, self.bus_lost) if text),
+        )
 
     @property
     def passing(self) -> str:
         """Cause to stop for by a condition that may end by itself; empty if there is none."""
+        if self.bus_lost:
+            return f"{BUS_LOST}: {self.bus_lost}"
         if self.silent:
             return f"{NODE_SILENT}: {self.silent[0]}"
         return f"{BAD_FRAMES}: {self.bad_frames}" if self.bad_frames else ""

@@ -12,6 +12,7 @@ from typing import Final
 from common.timing import NS_PER_MS, HeldFor
 
 LEAST_SURFACE_M_S: Final = 0.02
+LEAST_BACKWARD_M_S: Final = 0.005
 LEAST_SHARE: Final = 0.25
 STUCK_MS: Final = 300
 
@@ -24,7 +25,7 @@ class WheelTrackingMonitor:
         self._direction: float | None = None
 
     def step(self, now_ns: int, commanded_m_s: float, measured_m_s: float) -> bool:
-        """Whether it has rolled at less than a quarter of its set-point, in one direction, for longer than 300 ms.
+        """Whether it has rolled at less than a quarter of its set-point, or backward, for longer than 300 ms.
 
         Args:
             now_ns: CLOCK_MONOTONIC.
@@ -35,5 +36,8 @@ class WheelTrackingMonitor:
         if direction != self._direction:
             self._direction = direction
             self._lagging.reset()
-        rolls = direction * measured_m_s >= LEAST_SHARE * abs(commanded_m_s)
-        return self._lagging.step(now_ns, abs(commanded_m_s) >= LEAST_SURFACE_M_S and not rolls)
+        commanded, measured = abs(commanded_m_s), direction * measured_m_s
+        lags = commanded >= LEAST_SURFACE_M_S and measured < LEAST_SHARE * commanded
+        # slower, a motor's dead zone may hold the wheel; nothing turns it the other way
+        backward = commanded >= LEAST_BACKWARD_M_S and measured < -LEAST_SHARE * commanded
+        return self._lagging.step(now_ns, lags or backward)

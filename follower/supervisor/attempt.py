@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from common.causes import BAD_FRAMES, NODE_SILENT, cause_code
+from common.causes import BAD_FRAMES, BUS_LOST, NODE_SILENT, cause_code
 from common.config import BaseConfig, Config
 from common.geometry import Array, Pose2, features_at
 from common.kinematics import path_from_wheels
@@ -88,12 +88,14 @@ class Attempt:
         """Why the Follower itself may not move; empty if it may."""
         if inputs.drives is None:
             return "no drives"
-        if cause_code(inputs.drives.cause) in (NODE_SILENT, BAD_FRAMES):
+        if cause_code(inputs.drives.cause) in (NODE_SILENT, BAD_FRAMES, BUS_LOST):
             return inputs.drives.cause
         if not inputs.drives.stop_inputs_clear:
             return "stop input"
         if low := undervoltage(self.config.base, inputs.drives):
             return low
+        if inputs.late:
+            return f"{inputs.late} runs late: the computer cannot keep up"
         if not inputs.controller_alive:
             return "controller silent"
         if inputs.arms is None:
@@ -128,7 +130,11 @@ class Attempt:
 
 def undervoltage(base: BaseConfig, drives: Drives | None) -> str:
     """Why the battery is too low to drive; empty if sufficient or not measured (``docs/safety.md`` S46)."""
-    if drives is None or drives.battery_v >= base.battery_min_v:
+    if drives is None or not base.battery_min_v:
+        return ""
+    if drives.battery_v is None:
+        return "battery voltage not readable (analogue input 1 of the Follower's I/O module)"
+    if drives.battery_v >= base.battery_min_v:
         return ""
     return f"battery at {drives.battery_v:.1f} V, below {base.battery_min_v:g} V (base.battery_min_v)"
 
@@ -143,4 +149,9 @@ def stopped_by_silence(drives: Drives) -> bool:
 
     That is no pressed button; a pressed one is reported in the next step, as the new epoch clears the gate's cause.
     """
-    return drives.state == "stopped" and cause_code(drives.cause) in (NODE_SILENT, "status_age", "bridge_stalled")
+    return drives.state == "stopped" and cause_code(drives.cause) in (
+        NODE_SILENT,
+        BUS_LOST,
+        "status_age",
+        "bridge_stalled",
+    )

@@ -36,6 +36,7 @@ class SupervisorInputs:
         lock_answers: of the Leader to lock requests.
         restarted: a process that began a new run since the last step; empty: none.
         unfit: why no new docking may begin although the robots are well (a full disk); empty: nothing.
+        late: a process whose loops come late; empty: none.
     """
 
     now_ns: int
@@ -48,6 +49,7 @@ class SupervisorInputs:
     lock_answers: tuple[Answer, ...] = ()
     restarted: str = ""
     unfit: str = ""
+    late: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

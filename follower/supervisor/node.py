@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 
 from common.channels import (
     ARM_STATE,
@@ -12,6 +13,7 @@ from common.channels import (
     DOCK_REQUEST,
     DOCKING_STATE,
     DRIVES,
+    FOLLOWER_GATEWAY,
     FOLLOWER_SUMMARY,
     FRAME,
     LEADER_STATE,
@@ -25,14 +27,17 @@ from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
 from follower.supervisor.attempt import undervoltage
 from follower.supervisor.attempt_report import AttemptReport
+from follower.supervisor.fitness import CalibrationWatch, certificate_unfit
 from follower.supervisor.interface import SupervisorInputs
 from follower.supervisor.journal import Journal
+from follower.supervisor.late_watch import LateWatch
 from follower.supervisor.manual import ManualInputs, ManualMode
 from follower.supervisor.run_watch import RunWatch
 from follower.supervisor.sequence import DockingSequence
 from follower.supervisor.taught import taught_images
 
 _STEPS_PER_SUMMARY = 2
+_TIMED = (DRIVES, ARM_STATE)  # of processes whose loops wait for no camera
 _log = logging.getLogger("follower-supervisor")
 
 
@@ -40,7 +45,7 @@ class SupervisorNode(Node):
     """Gives docking and manual mode their requests and fresh inputs; publishes their mission."""
 
     name = "follower-supervisor"
-    inputs = (DOCKING_STATE, DRIVES, ARM_STATE, LEADER_STATE, COMMAND, FRAME)
+    inputs = (DOCKING_STATE, DRIVES, ARM_STATE, LEADER_STATE, COMMAND, FRAME, FOLLOWER_GATEWAY)
     outputs = (MISSION, FOLLOWER_SUMMARY, LOCK_REQUEST)
     serves = (DOCK_REQUEST, MANUAL_REQUEST)
     trigger = Trigger(period_ns=NS_PER_S // 20)
@@ -60,6 +65,8 @@ class SupervisorNode(Node):
         self._report = AttemptReport(context.config)
         self._journal = Journal(state_directory(context.config.state_directory, context.runtime))
         self._runs = RunWatch()
+        self._late = LateWatch()
+        self._calibration = CalibrationWatch(context.config.camera, context.config_path, datetime.now(UTC).date())
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
         """One step of the docking, and of the manual mode, whose mission comes first while it is on."""
@@ -74,7 +81,8 @@ class SupervisorNode(Node):
             requests=dock_requests,
             lock_answers=tuple(inputs.answers(LOCK_REQUEST)),
             restarted=self._runs.restarted(inputs),
-            unfit=self._journal.unfit(now_ns) or undervoltage(self._base, inputs.fresh(DRIVES, now_ns)),
+            unfit=self._unfit(now_ns, inputs),
+            late=self._late.step(now_ns, {channel.publisher: inputs.late(channel) for channel in _TIMED}),
         )
         docking = self._sequence.step(supervisor_inputs)
         self._journal.keep(self._report.step(supervisor_inputs, docking.mission, self._sequence.attempt))
@@ -96,6 +104,16 @@ class SupervisorNode(Node):
         """Write what is still queued."""
         self._journal.close()
         return ()
+
+    def _unfit(self, now_ns: int, inputs: Inbox) -> str:
+        """Why no docking may begin although nothing is broken; empty if one may."""
+        frame = inputs.newest(FRAME)
+        return (
+            self._journal.unfit(now_ns)
+            or undervoltage(self._base, inputs.fresh(DRIVES, now_ns))
+            or self._calibration.unfit(frame.message.camera_id if frame is not None else None)
+            or certificate_unfit(inputs.fresh(FOLLOWER_GATEWAY, now_ns))
+        )
 
     def _split_requests(self, now_ns: int, inputs: Inbox) -> tuple[tuple[DockRequest, ...], list[Output]]:
         """Step the manual mode with its own requests; it answers those for the docking only while it is on.

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from common.causes import BAD_FRAMES, NODE_SILENT, cause_code, needs_reset
+from common.causes import BAD_FRAMES, BUS_LOST, NODE_SILENT, cause_code, needs_reset
 from common.config import Config
 from common.geometry import Array
 from common.messages import Answer, DockRequest, Drives, FollowerSummary, Mission, Phase
@@ -38,6 +38,7 @@ REARMING_CAUSES: Final = frozenset(
         "bridge_stalled",
         NODE_SILENT,
         BAD_FRAMES,
+        BUS_LOST,
     }
 )
 # a longer step was a stall of this process, not silence of the others

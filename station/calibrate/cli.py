@@ -16,11 +16,12 @@ from rich.text import Text
 from common.config import Config, default_config_path
 from common.errors import ConfigError
 from common.geometry import Array, Pose2
+from follower.camera.calibration_file import age_days, stored
 from follower.camera.replay import read_grey
 from station.calibrate.board import Board, coverage_of, find_corners
 from station.calibrate.frames import measured, open_frames, valid_states
 from station.calibrate.lens import KINDS, CalibrationError, calibrate_camera
-from station.calibrate.lens_file import age_days, differences, store, stored
+from station.calibrate.lens_file import differences, store
 from station.calibrate.live_board import BoardCollector, collect
 from station.calibrate.mount import MountError, View, averaged, calibrate_mount, whole_tilt_rad
 from station.calibrate.mount_file import load_views, save_views

@@ -123,7 +123,8 @@ def _monitor_table(rows: list[NodeRow], measured: BusMeasurement) -> Table:
         values = f"{row.position:+.3f}", f"{row.velocity:+.3f}", f"{row.torque_n_m:+.2f}", f"{row.age_ms:.0f}"
         table.add_row(str(row.node_id), row.name, row.state, *values, "; ".join(row.faults))
     clear = "clear" if measured.estop_clear and measured.protective_clear else "STOP"
-    table.caption = f"stop inputs {clear}, battery {measured.battery_v:.1f} V, malformed {measured.malformed}"
+    battery = "not readable" if measured.battery_v is None else f"{measured.battery_v:.1f} V"
+    table.caption = f"stop inputs {clear}, battery {battery}, malformed {measured.malformed}"
     if measured.measured_ns < 0:
         table.caption = "no SYNC received: no bridge works on this bus; davpc can scan asks the nodes"
     return table

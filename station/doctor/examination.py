@@ -16,10 +16,10 @@ from pathlib import Path
 from common.channels import DOCKING_STATE, DRIVES, FOLLOWER_GATEWAY, LEADER_GATEWAY, LEADER_STATE
 from common.config import BusConfig, Config, load_config
 from common.processes import ONE_MACHINE, PROCESSES
+from follower.camera.calibration_file import StoredCalibration, stored
 from follower.supervisor.taught import taught_images
 from gateway.access import Robot, robot_access
 from gateway.credentials import check_credentials, credentials_folder
-from station.calibrate.lens_file import StoredCalibration, stored
 from station.doctor import can as doctor_can
 from station.doctor import machine as doctor_machine
 from station.doctor import network as doctor_network

@@ -9,7 +9,8 @@ from pathlib import Path
 from common.config import CameraConfig, Config
 from common.errors import ConfigError
 from common.messages import DockingState, Drives, Health, LeaderState
-from station.calibrate.lens_file import StoredCalibration, age_days, differences
+from follower.camera.calibration_file import StoredCalibration, age_days
+from station.calibrate.lens_file import differences
 from station.doctor.findings import Finding, ProbeResult, failed, ok, skipped, warning
 
 OLD_DAYS = 180
@@ -167,8 +168,10 @@ def check_drives(drives: Drives | None) -> Finding:
     return ok("drives", f"{text}; stop inputs clear; identities and watchdogs were read back when the bus opened")
 
 
-def check_battery(volts: float, low_v: float) -> Finding:
+def check_battery(volts: float | None, low_v: float) -> Finding:
     """Against ``base.battery_low_v``; 0 V is no measurement."""
+    if volts is None:
+        return failed("battery", "what is read can be no battery's voltage", "wire of analogue input 1, its scale")
     text = f"{volts:.1f} V"
     if volts <= 0:
         return failed("battery", "no voltage is measured", "analogue input 1 of the Follower's I/O module")

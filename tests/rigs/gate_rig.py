@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -76,6 +77,8 @@ class Bench:
         self.v = self.w = 0.0
         self.sequence = 0
         self.standing = standing
+        self._angles = (0.0, 0.0)
+        self._before: WheelStatus | None = None
 
     def step(self, newest: StampedCommand | None = None, period_ms: float = 10.0, **given: Any) -> Decision:
         inputs = {
@@ -84,10 +87,26 @@ class Bench:
             "inputs": CLEAR,
             **given,
         }
+        inputs["status"] = self._rolled(inputs["status"])
         decision = self.gate.step(self.now_ns, newest, **inputs)
         self.v, self.w = decision.v_m_s, decision.w_rad_s
         self.now_ns += round(period_ms * MS)
         return decision
+
+    def _rolled(self, status: WheelStatus) -> WheelStatus:
+        """At the angles that its speeds lead to, unless it has angles of its own."""
+        if (status.left_rad, status.right_rad) != (0.0, 0.0) or status.measured_ns < 0:
+            return status
+        before, self._before = self._before, status
+        if before is not None:
+            elapsed_s = (status.measured_ns - before.measured_ns) * 1e-9
+            speeds = (before.left_rad_s + status.left_rad_s, before.right_rad_s + status.right_rad_s)
+            if all(map(math.isfinite, speeds)):
+                self._angles = (
+                    self._angles[0] + 0.5 * speeds[0] * elapsed_s,
+                    self._angles[1] + 0.5 * speeds[1] * elapsed_s,
+                )
+        return replace(status, left_rad=self._angles[0], right_rad=self._angles[1])
 
     def order(self, v: float, w: float = 0.0, **given: Any) -> Decision:
         """One step with a new command."""

@@ -11,6 +11,7 @@ from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorI
 from follower.supervisor.phases.phase import PhaseLogic, failed
 
 _REPEAT_NS = NS_PER_S
+_SLOWEST, _RAMP_S = 1.3, 1.0
 
 
 class LockPhase(PhaseLogic):
@@ -88,7 +89,8 @@ class RetractPhase(PhaseLogic):
     def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """See :class:`PhaseLogic`."""
         limits = self.limits
-        if self.elapsed_s(inputs) > 3 * limits.retract_distance_m / limits.retract_speed_m_s:
+        # nothing looks backwards: what the wheels' angles miss, time bounds
+        if self.elapsed_s(inputs) > _SLOWEST * limits.retract_distance_m / limits.retract_speed_m_s + _RAMP_S:
             return failed("retract_timeout")
         if inputs.drives is None:
             return PhaseOutputs(waiting="drives")

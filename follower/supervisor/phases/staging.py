@@ -15,7 +15,7 @@ _STAND_S = 0.5
 _HEALTHY_NS = 2 * NS_PER_S
 _HELD_NS = NS_PER_S // 2
 _CHECK_TIMEOUT_S = 5.0
-_SPARE_S = 10.0
+_SLOWEST, _RAMP_S = 1.3, 2.0
 _NEAR_M = 0.02
 
 
@@ -96,7 +96,7 @@ class StagingPhase(PhaseLogic):
         if left_m <= _NEAR_M:
             return self._enter("stand", inputs)
         speed = self.limits.retract_speed_m_s
-        if self._stage_s(inputs) > 1.5 * self._back_m / speed + _SPARE_S:
+        if self._stage_s(inputs) > _SLOWEST * self._back_m / speed + _RAMP_S:
             return failed("staging_timeout: the path back was not completed")
         return straight(-speed, waiting="staging pose")
 

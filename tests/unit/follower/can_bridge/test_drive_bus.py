@@ -251,7 +251,7 @@ def test_no_server_is_one_clear_line() -> None:
     with pytest.raises(DeviceError, match=rf"CAN bus follower \(socketcand at {host}:{port}\): no socketcand server"):
         drives.open()
     measured = drives.exchange(1, DriveSetpoint())
-    assert (measured.bus_ok, measured.faults) == (False, ("CAN bus follower: not open",))
+    assert (measured.bus_ok, measured.bus_lost, measured.faults) == (False, "CAN bus follower: not open", ())
 
 
 def test_absolute_encoders_count_from_the_configured_zero_and_past_their_end() -> None:
@@ -268,3 +268,19 @@ def test_absolute_encoders_count_from_the_configured_zero_and_past_their_end() -
         assert rig.robot.lift.position_setpoint == pytest.approx(0.06, abs=1e-6)
         assert rig.robot.left_wheel.values[0x6064, 0] < 0
         assert 0.1 < measured.wheel_angle_rad[0] < 1.2
+
+
+@pytest.mark.parametrize("stall_ms", [90, 120, 200, 400])
+def test_a_stall_of_the_bridge_is_nobodys_fault(stall_ms: int) -> None:
+    """The heartbeat emergencies that it causes are excused, whichever node reports them: the I/O module too."""
+    with follower_rig() as rig:
+        rig.enable()
+        rolling = wheel_surface_speed(0.3, rig.config)
+        rig.cycles(100, rolling)
+        rig.pass_time(stall_ms)
+        for _ in range(5):
+            measured = rig.cycle(rolling)
+            assert (measured.faults, bool(measured.stalled)) == ((), True)
+        assert rig.drives._inbound.io.emergency is None or rig.drives._inbound.io.emergency.code == 0x8130
+        rig.drives.disable()
+        assert rig.cycles(20).troubles == ()

@@ -130,15 +130,17 @@ def _under_way() -> tuple[Gate, int, float, float]:
     """A gate that has driven for a tenth of a second, the time, and what it last let through."""
     gate, now_ns, last = Gate(LIMITS, BASE, BOOT), 10_000 * MS, (0.0, 0.0)
     first = seal_command(Command(0.3, 0.2, 1, 1, now_ns, now_ns + 1000 * MS, 1, now_ns))
+    paths = [0.0, 0.0]
     for n in range(12):
         left, right = last[0] - last[1] / 4, last[0] + last[1] / 4
+        paths = [path + speed * 0.01 for path, speed in zip(paths, (left, right), strict=True)]
         status = WheelStatus(
             measured_ns=now_ns,
             left_rad_s=left / BASE.wheel_radius_m,
             right_rad_s=right / BASE.wheel_radius_m,
             drives_enabled=True,
-            left_rad=0.0,
-            right_rad=0.0,
+            left_rad=paths[0] / BASE.wheel_radius_m,
+            right_rad=paths[1] / BASE.wheel_radius_m,
         )
         token = ArmToken(
             armed=True, stamp_ns=now_ns, boot_id=BOOT, epoch=1, phase="approach", v_max_m_s=0.5, w_max_rad_s=0.6

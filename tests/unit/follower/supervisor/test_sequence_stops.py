@@ -107,9 +107,16 @@ def test_after_a_stall_of_the_machine_the_approach_goes_on(bench: Bench) -> None
     assert bench.run(1.0) == "approach"
 
 
-@pytest.mark.parametrize("cause", ["node_silent: left wheel: node 1 is silent", "bad_frames: CAN bus: 3 frames"])
+@pytest.mark.parametrize(
+    "cause",
+    [
+        "node_silent: left wheel: node 1 is silent",
+        "bad_frames: CAN bus: 3 frames",
+        "bus_lost: CAN bus follower: bus-off",
+    ],
+)
 def test_what_passes_on_the_bus_stops_it_until_it_is_over(bench: Bench, cause: str) -> None:
-    """docs/safety.md S21 and S23: S1. The stop inputs are silent with the whole bus; that is no pressed button."""
+    """docs/safety.md S19, S21, S23: S1. The stop inputs are silent with the whole bus; that is no pressed button."""
     bench.to_approach()
     drives = bench.seen.drives
     assert drives is not None

@@ -13,9 +13,10 @@ import pytest
 from common.config import Config, LensConfig
 from common.errors import ConfigError
 from common.geometry import Array
+from follower.camera.calibration_file import age_days, stored
 from station.calibrate.board import Board, Coverage, coverage_of, find_corners
 from station.calibrate.lens import Calibration, CalibrationError, calibrate_camera, fit_lens, holds, project, rays
-from station.calibrate.lens_file import age_days, differences, store, stored
+from station.calibrate.lens_file import differences, store
 from tests.rigs.ideal_lens import Law, image_by_law
 
 SIZE = (1280, 1024)

@@ -8,7 +8,7 @@ from typing import Any
 
 from common.config import Config
 from common.messages import Drives, Health, LeaderState
-from station.calibrate.lens_file import StoredCalibration
+from follower.camera.calibration_file import StoredCalibration
 from station.doctor.findings import (
     Finding,
     ProbeResult,
