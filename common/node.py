@@ -76,7 +76,7 @@ class Inbox:
     cannot be decoded is counted in ``malformed`` and named in ``faults``, for the executor to log.
     """
 
-    def __init__(self, boot_id: str, decoder: Decoder = decode) -> None:
+    def __init__(self, boot_id: str | None, decoder: Decoder = decode) -> None:
         self._boot_id = boot_id
         self._decoder = decoder
         self._incoming: dict[str, tuple[bytes, int]] = {}
@@ -187,7 +187,7 @@ class Inbox:
     ) -> Received[Any]:
         try:
             header, message = self._decoder(message_type, payload)
-            if channel.reach == "robot" and header.boot_id != self._boot_id:
+            if channel.reach == "robot" and self._boot_id not in (None, header.boot_id):
                 raise MessageError(f"{channel.key}: stamped in another boot")
         except MessageError as error:
             self.refuse(str(error))

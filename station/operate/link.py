@@ -167,7 +167,7 @@ class Watch:
 
     def __init__(self, bus: Bus, clock: Clock, channels: Sequence[Channel[Any]]) -> None:
         self._clock, self._channels = clock, channels
-        self._inbox = Inbox(clock.boot_id)
+        self._inbox = Inbox(None)  # containers hide the boot's id from a command that enters them
         self._news = threading.Condition()
         for channel in channels:
             bus.subscribe(channel, partial(self._put, channel))
@@ -190,7 +190,7 @@ class Watch:
 
     def forget(self) -> None:
         """Drop what has come."""
-        self._inbox = Inbox(self._clock.boot_id)
+        self._inbox = Inbox(None)
 
     def _put(self, channel: Channel[Any], payload: bytes) -> None:
         self._inbox.put_state(channel, payload, self._clock.now_ns())
