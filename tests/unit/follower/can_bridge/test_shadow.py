@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -32,13 +33,16 @@ def test_pretended_wheels_follow_with_the_drives_ramp() -> None:
     config = stepped_config()
     shadow, radius = Shadow(config.follower_can, config.base), config.base.wheel_radius_m
     commanded = DriveSetpoint(left_rad_s=0.1 / radius, right_rad_s=-0.1 / radius)
-    surfaces_m_s = []
+    surfaces_m_s, angles_m = [], []
     for n in range(15):
         seen = shadow.pretend(replace(HEALTHY, now_ns=n * 10 * NS_PER_MS, wheels_enabled=False))
         surfaces_m_s.append(seen.wheel_speed_rad_s[0] * radius)
+        angles_m.append(seen.wheel_angle_rad[0] * radius)
         assert seen.wheels_enabled
         assert seen.wheel_speed_rad_s[1] == pytest.approx(-seen.wheel_speed_rad_s[0])
         assert shadow.withhold(commanded) == DriveSetpoint()
     assert surfaces_m_s[0] == 0.0
     assert surfaces_m_s[2] == pytest.approx(0.02)
     assert surfaces_m_s[-1] == pytest.approx(0.1)
+    speeds = pairwise(surfaces_m_s)
+    assert angles_m[-1] == pytest.approx(sum(0.5 * (before + now) * 0.01 for before, now in speeds))
