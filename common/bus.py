@@ -1,7 +1,7 @@
 """The only file that imports Zenoh: publish, subscribe to newest values, serve and request over Unix sockets.
 
 Every process listens on its own socket in a private runtime directory and connects to the processes before it in the
-process table: no TCP, no scouting, no gossip. Images do not cross the bus, see :mod:`common.frame_ring`.
+process table: no TCP, no scouting, no gossip. Images do not cross the bus, see :mod:`common.frames.ring`.
 """
 
 from __future__ import annotations

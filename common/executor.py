@@ -20,11 +20,11 @@ from common.bus import Bus, OnPayload, OnRequest
 from common.channels import Channel, health_channel
 from common.config import load_config
 from common.errors import ConfigError, DeviceError
-from common.file_writer import BackgroundWriter, state_directory
+from common.files.parsing import UnreadableError, read_text
+from common.files.writer import BackgroundWriter, state_directory
 from common.memory import lock_memory
 from common.messages import Answer, Health, Message, MessageError
 from common.node import Inbox, Node, NodeContext, Outbox
-from common.parsing import UnreadableError, read_text
 from common.processes import PROCESSES, Process, process
 from common.request_desk import RequestDesk
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, Schedule

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from common.channels import Channel
+from common.files.parsing import UnreadableError, parse_json
 from common.messages import Answer, Header, Message, MessageError, decode
 from common.node import Received
-from common.parsing import UnreadableError, parse_json
 from common.timing import NS_PER_S
 
 LONGEST_VALID_NS = 60 * NS_PER_S

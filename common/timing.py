@@ -39,7 +39,7 @@ class MonotonicClock:
 
 
 class SteppedClock:
-    """Time that moves only when told to."""
+    """Time that advances only by :meth:`advance_to`."""
 
     boot_id = "stepped"
 
@@ -62,7 +62,7 @@ class SteppedClock:
 
 
 class Schedule:
-    """Deadlines on an absolute grid; a period that was overslept is skipped and counted, never made up for."""
+    """Deadlines on an absolute grid; missed periods are skipped and counted; the loop never catches up."""
 
     def __init__(self, period_ns: int, start_ns: int) -> None:
         self.period_ns = period_ns

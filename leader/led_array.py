@@ -9,7 +9,7 @@ from common.timing import NS_PER_S, HeldFor
 _SETTLE_NS = NS_PER_S // 2
 
 
-class LedArray:
+class LedDriver:
     """Steps with each measurement of the currents.
 
     Heat is estimated, not measured: each LED's follows the square of its current with the configured time constant.

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from common.canopen.bus import BusLostError
 from common.channels import FOLLOWER_SUMMARY, LEADER_STATE, LED_REQUEST, LOCK_REQUEST
 from common.errors import DeviceError
-from common.file_writer import BackgroundWriter, state_directory
+from common.files.writer import BackgroundWriter, state_directory
 from common.messages import Answer, LeaderState
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S

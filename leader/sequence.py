@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from common.config import LeaderConfig, LedsConfig
 from common.messages import Answer, FollowerSummary, GuideState, LeaderState, LedRequest, LockRequest
 from common.timing import NS_PER_MS
-from leader.led_array import LedArray
+from leader.led_array import LedDriver
 from leader.lock import BoltLock, LockInputs
 
 
@@ -45,7 +45,7 @@ class LeaderSequence:
 
     def __init__(self, config: LeaderConfig, leds: LedsConfig, queue: int | None) -> None:
         self._lock = BoltLock(config, queue)
-        self._leds = LedArray(config, leds)
+        self._leds = LedDriver(config, leds)
         self._due = Answers()
         self._follower: FollowerSummary | None = None
 

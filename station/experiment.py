@@ -19,7 +19,7 @@ from station.options import ConfigOption, JobsOption, OutOption, SeedOption, Set
 
 experiment = typer.Typer(no_args_is_help=True, help="Run the paper's experiments. `davpc experiment table1`")
 
-MethodsOption = Annotated[str, typer.Option(help="comma-separated; all when empty")]
+MethodsOption = Annotated[str, typer.Option(help="comma-separated; the usual ones when empty")]
 CasesOption = Annotated[str, typer.Option(help="comma-separated; all when empty")]
 PixelsOption = Annotated[
     bool, typer.Option("--pixels", help="render every frame and run the whole perception; some 10 s a run")

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from common.config.robots import Config
 from common.errors import ConfigError
-from common.parsing import MOST_DEPTH, UnreadableError, parse_toml, read_text
+from common.files.parsing import MOST_DEPTH, UnreadableError, parse_toml, read_text
 
 M = TypeVar("M", bound=BaseModel)
 _MOST_SHOWN = 80

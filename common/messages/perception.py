@@ -12,7 +12,7 @@ from common.messages.fields import STRICT, Angle, Count, Metres, Ns, Point2, Sta
 
 @dataclass(frozen=True, config=STRICT)
 class Frame:
-    """Note of one 8-bit grey image. Its pixels stay in shared memory, see :mod:`common.frame_ring`."""
+    """Note of one 8-bit grey image. Its pixels stay in shared memory, see :mod:`common.frames.ring`."""
 
     SCHEMA: ClassVar[str] = "frame/1"
     sequence: Annotated[int, Field(ge=1, lt=2**63)]

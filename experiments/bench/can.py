@@ -18,7 +18,7 @@ from typing import Any
 from common.canopen.bus import CanBus
 from common.canopen.node import CanopenNode, find_eds
 from common.config import BusConfig, Config, default_config_path, load_config
-from common.file_writer import write_json
+from common.files.writer import write_json
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, Schedule
 from experiments.shared.results import configuration
 from follower.can_bridge.drive_bus import DriveBus

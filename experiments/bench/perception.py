@@ -23,8 +23,8 @@ import cv2
 import numpy as np
 
 from common.config import Config, default_config_path, load_config
-from common.file_writer import write_json
-from common.frame_ring import Image
+from common.files.writer import write_json
+from common.frames.ring import Image
 from common.geometry import Array, Pose2, features_at, move_relative
 from experiments.perception.approach import PERIOD_NS
 from experiments.shared.results import configuration

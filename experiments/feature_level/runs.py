@@ -10,8 +10,8 @@ from common.config import Config
 from common.geometry import Pose2
 from experiments.feature_level.feature_world import Disturbances
 from experiments.feature_level.pilots import PilotFactory
-from experiments.feature_level.pixel_pilots import PixelPilotFactory
-from experiments.feature_level.pixel_world import PixelWorld
+from experiments.feature_level.pixels.pilots import PixelPilotFactory
+from experiments.feature_level.pixels.world import PixelWorld
 from experiments.feature_level.scenes import Level, method_config, pixel_config
 from experiments.feature_level.trial import Outcome, fly, fly_in, goal_task, summarise
 from experiments.shared.results import row

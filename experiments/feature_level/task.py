@@ -57,4 +57,4 @@ class Task:
     def caps(self) -> SpeedCaps:
         """The configured limits."""
         limits = self.config.limits
-        return SpeedCaps(limits.v_min_m_s, limits.v_max_m_s, limits.w_max_rad_s)
+        return SpeedCaps(v_min_m_s=limits.v_min_m_s, v_max_m_s=limits.v_max_m_s, w_max_rad_s=limits.w_max_rad_s)

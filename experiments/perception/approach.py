@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.config import Config
-from common.frame_ring import Image
+from common.frames.ring import Image
 from common.geometry import Array, Pose2, features_at, move_relative, wrap_angle
 from common.messages import DockingState, Frame
 from follower.estimator.lens import Lens

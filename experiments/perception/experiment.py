@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 
 from common.config import Config, default_config_path, load_config
-from common.file_writer import write_json
-from common.frame_ring import Image
+from common.files.writer import write_json
+from common.frames.ring import Image
 from experiments.perception.approach import PERIOD_NS, Look, approach, features_px, stand, steer
 from experiments.perception.identification import CASES, identification_rates
 from experiments.perception.pose_bound import theta_errors

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from common.config import Config
-from common.file_writer import write_json
+from common.files.writer import write_json
 
 HEADINGS = {
     "e_x_cm": "e_x cm",

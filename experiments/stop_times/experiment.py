@@ -20,7 +20,7 @@ from random import Random
 from typing import Any
 
 from common.config import default_config_path, load_config
-from common.file_writer import write_json
+from common.files.writer import write_json
 from common.timing import NS_PER_MS, MonotonicClock
 from experiments.shared.results import configuration
 from experiments.stop_times.bench import BRIDGE, CONTROLLER, StopBench

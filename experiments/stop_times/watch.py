@@ -114,7 +114,7 @@ class BusTap:
 
 
 class Canary:
-    """A thread that wants to run every 2 ms: the longest time that it could not is a stall of the host.
+    """A thread scheduled every 2 ms; its longest delay measures a stall of the host.
 
     Args:
         cpu: the core on which it sits, above all processes of a robot where that is allowed; None: as its creator.

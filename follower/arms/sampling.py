@@ -1,4 +1,4 @@
-"""The time between two measurements of the drives, by their own stamps."""
+"""The time between two measurements of the drives, as detectors count it."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from common.config import CameraConfig, LensConfig, Section, validate
 from common.errors import ConfigError
-from common.parsing import UnreadableError, parse_toml, read_text
+from common.files.parsing import UnreadableError, parse_toml, read_text
 
 
 class StoredCalibration(Section):

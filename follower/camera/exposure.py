@@ -7,7 +7,7 @@ as long as the array is seen with it; after one that did not help, the next is n
 from __future__ import annotations
 
 from common.messages import StateCause
-from common.timing import NS_PER_MS
+from common.timing import NS_PER_MS, HeldFor
 
 FACTOR = 4.0
 _PATIENCE_NS = 100 * NS_PER_MS
@@ -21,7 +21,7 @@ class ExposureRetry:
     def __init__(self, exposure_us: float, rate_hz: float) -> None:
         self._configured_us = self.exposure_us = exposure_us
         self._longest_us = max(0.8e6 / rate_hz, exposure_us)
-        self._bad_since_ns: int | None = None
+        self._bad = HeldFor(_PATIENCE_NS)
         self._last_bad_ns = self._tried_ns = 0
         self._spent = False
 
@@ -29,19 +29,19 @@ class ExposureRetry:
         """The exposure [µs] from now on, after a state of this cause."""
         if cause in ("overexposed", "underexposed"):
             self._last_bad_ns = now_ns
-            self._bad_since_ns = now_ns if self._bad_since_ns is None else self._bad_since_ns
-        elif cause in ("ok", "confirming") or now_ns - self._last_bad_ns > _LAPSE_NS:
-            self._bad_since_ns = None
-        lasting = self._bad_since_ns is not None and now_ns - self._bad_since_ns >= _PATIENCE_NS
+        lapsed = cause in ("ok", "confirming") or now_ns - self._last_bad_ns > _LAPSE_NS
+        bad = cause in ("overexposed", "underexposed")
+        lasting = self._bad.step(now_ns, bad or (self._bad.holding and not lapsed))
         if self.exposure_us != self._configured_us:
             if cause == "ok":
                 self._tried_ns, self._spent = now_ns, False
             elif now_ns - self._tried_ns > _TRIAL_NS:
-                self.exposure_us, self._bad_since_ns = self._configured_us, None
+                self.exposure_us = self._configured_us
+                self._bad.reset()
         elif cause == "ok":
             self._spent = False
         elif lasting and now_ns == self._last_bad_ns and not self._spent:
             longer = self._configured_us * (FACTOR if cause == "underexposed" else 1.0 / FACTOR)
             self.exposure_us, self._tried_ns, self._spent = min(longer, self._longest_us), now_ns, True
-            self._bad_since_ns = None
+            self._bad.reset()
         return self.exposure_us

@@ -9,8 +9,8 @@ from pydantic import ValidationError
 
 from common.channels import DOCKING_STATE, FRAME
 from common.errors import DeviceError
-from common.frame_ring import FrameRing
-from common.frame_source import Capture, FrameSource, frame_source
+from common.frames.ring import FrameRing
+from common.frames.source import Capture, FrameSource, frame_source
 from common.messages import Frame
 from common.node import Inbox, Node, NodeContext, Output
 from common.timing import NS_PER_S

@@ -12,8 +12,8 @@ import numpy as np
 
 from common.channels import Channel
 from common.errors import DeviceError
-from common.frame_ring import Image
-from common.frame_source import Capture
+from common.frames.ring import Image
+from common.frames.source import Capture
 from common.node import Inbox, NodeContext, Trigger
 from common.timing import NS_PER_MS, NS_PER_S
 

@@ -178,13 +178,8 @@ class DriveBus:
                 faults.insert(0, self._lost)
             else:
                 bus_lost = self._lost
-        return replace(
-            self._measurement(now_ns),
-            faults=tuple(faults),
-            silent=tuple(silent),
-            bad_frames=bad_frames,
-            bus_lost=bus_lost,
-        )
+        found = {"faults": tuple(faults), "silent": tuple(silent), "bad_frames": bad_frames, "bus_lost": bus_lost}
+        return replace(self._measurement(now_ns), **found)  # type: ignore[arg-type] # one type a field
 
     def _bring_up(self, bus: CanBus) -> None:
         config = self._config

@@ -194,7 +194,7 @@ class Inbound:
 
 
 def _axis_faults(axis: Axis, stalled: bool) -> list[str]:
-    """With the bridge ``stalled`` the drives' watchdogs stopped them, as they should: that is no fault of a drive."""
+    """Faults of one axis; a watchdog stop caused by a stall of the bridge is expected and not a fault."""
     expected = {HEARTBEAT_LOST} if stalled else set()
     found = [f"{axis.name}: {each.name}" for code, each in axis.emergencies.items() if code not in expected]
     if axis.state in (DriveState.FAULT, DriveState.FAULT_REACTION) and not axis.emergencies:

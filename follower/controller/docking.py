@@ -28,8 +28,8 @@ ZERO = Twist(0.0, 0.0, "hold")
 class DockingController:
     """Steps at the control period; what is published must be given back to :meth:`commit`.
 
-    Every twist keeps the caps and the rate limit against the last one that was committed, but for zero, which
-    holds at once: the drives ramp. A plan that failed is bridged by the last good one for two periods; after that
+    Every twist keeps the caps and the rate limit against the last one that was committed, except a stop, which
+    applies immediately: the drives ramp. The last good plan bridges a failed one for two periods; after that
     the robot holds.
     """
 
@@ -44,7 +44,7 @@ class DockingController:
     ) -> Twist:
         """The twist to command now.
 
-        Without a state nothing moves for long, and forwards not without a valid one; turning in place looks for one.
+        Without a state, motion ends after two periods. Forward motion needs a valid state; turning in place does not.
 
         Args:
             now_ns: the time.
@@ -104,5 +104,7 @@ class DockingController:
     def _caps(self, mission: Mission) -> SpeedCaps:
         limits = self._limits
         return SpeedCaps(
-            limits.v_min_m_s, min(limits.v_max_m_s, mission.v_max_m_s), min(limits.w_max_rad_s, mission.w_max_rad_s)
+            v_min_m_s=limits.v_min_m_s,
+            v_max_m_s=min(limits.v_max_m_s, mission.v_max_m_s),
+            w_max_rad_s=min(limits.w_max_rad_s, mission.w_max_rad_s),
         )

@@ -1,4 +1,4 @@
-"""What the default controller makes of a robot that is carried off while it moves.
+"""How the default controller treats lateral and yaw drift.
 
 By what law a drift fades on the way to standstill is not known: rubber yields, wheels scrub. Nothing here depends on
 one: a plan takes the drift as it is at the present speed, and a drifting robot that has arrived stands.
@@ -20,8 +20,8 @@ STOP_SHARE, LEAVE_SHARE = 0.5, 1.0  # of the arrival's tolerance: where a drifti
 def as_planned(disturbance: MotionDisturbance, v_m_s: float) -> MotionDisturbance:
     """What a plan expects of a disturbance that is observed at a speed.
 
-    The yaw as it is now. Sideways as far for each metre driven as now, if the speed is one at which drifts fade;
-    below ``SLOW_M_S``, where noise would be taken for a lever, less and less.
+    Yaw: the current value. Sideways: constant for each metre driven, if the speed is one at which drifts fade;
+    tapering to zero below ``SLOW_M_S``, where noise would be amplified.
     """
     speed = abs(v_m_s)
     fading = min(1.0, max(speed, SLOW_M_S) / FADING_BELOW_M_S)
@@ -34,7 +34,7 @@ def as_planned(disturbance: MotionDisturbance, v_m_s: float) -> MotionDisturbanc
 
 
 class DriftStop:
-    """Whether a robot that drifts stands: arrived well, while every further move would carry it off again.
+    """Whether a drifting robot should stand at the goal: further moves would add error.
 
     One that does not drift creeps on to the goal itself.
 

@@ -31,7 +31,7 @@ class PlanStatus(Enum):
     INVALID_INPUT = "invalid_input"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SpeedCaps:
     """Bounds of the velocity command; they may lower the configured limits, never raise them."""
 

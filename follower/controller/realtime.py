@@ -85,7 +85,9 @@ class RealtimeController:
 
     def warm_up(self) -> None:
         """Solve from three metres before the goal, cold and then warm."""
-        caps = SpeedCaps(self._limits.v_min_m_s, self._limits.v_max_m_s, self._limits.w_max_rad_s)
+        caps = SpeedCaps(
+            v_min_m_s=self._limits.v_min_m_s, v_max_m_s=self._limits.v_max_m_s, w_max_rad_s=self._limits.w_max_rad_s
+        )
         goal = Goal(features_at(self._points_l, Pose2(1.5, 0.0, 0.0), self._camera))
         start = MotionState(Pose2(4.5, 0.3, 0.1))
         for _ in range(3):

@@ -162,7 +162,7 @@ class Branching:
     def _ended(
         self, known: Hypotheses, parent: int, kinds: Kinds, by_disturbance: Array, since_s: float
     ) -> Hypotheses:
-        """What was estimated ended half of the time ago, which is taken back; at most a simpler kind goes on."""
+        """The disturbance ended halfway through the interval: undo its effect since. A simpler kind may remain."""
         state, covariance = known.states[parent], known.covariances[parent]
         back = -0.5 * since_s * by_disturbance @ state[DISTURBANCE]
         acted = _acted(by_disturbance, since_s)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.frame_ring import Image
+from common.frames.ring import Image
 from common.geometry import Array
 from common.messages import StateCause
 from follower.estimator.spots import background

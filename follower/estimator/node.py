@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from common.channels import DOCKING_STATE, DRIVES, FRAME, MISSION
-from common.frame_ring import FrameReader
+from common.frames.ring import FrameReader
 from common.kinematics import twist_from_wheels
 from common.messages import Drives
 from common.node import Inbox, Node, NodeContext, Output, Trigger

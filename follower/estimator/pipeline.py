@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from common.config import Config
-from common.frame_ring import Image
+from common.frames.ring import Image
 from common.geometry import Array, Pose2
 from common.messages import StateCause
 from common.timing import NS_PER_MS, NS_PER_S
@@ -193,7 +193,7 @@ class Perception:
     def _coasted(
         self, image: Image, rule: SpotRule, nothing: Detection, track: _Track, state: Array, spots: int
     ) -> Detection | None:
-        """Carry the track on unseen; None where a search from scratch shall take over."""
+        """Predict the track without a measurement; None when a full search should start."""
         unseen_ns = track.unseen_ns + nothing.capture_ns - track.capture_ns
         if track.to_confirm > 0 or unseen_ns > _KEEP_NS or self._settings.method == "paper":
             return None

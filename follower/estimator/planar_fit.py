@@ -63,7 +63,7 @@ class Fits:
 
 
 def project(model: FitModel, states: Array) -> tuple[Array, Array, Array]:
-    """Features of many states, for those who want them LED by LED.
+    """Features of many states, one row per LED.
 
     Args:
         model: array and camera.

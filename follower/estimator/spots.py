@@ -10,7 +10,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from common.frame_ring import Image
+from common.frames.ring import Image
 from common.geometry import Array
 
 Weighting = Literal["paper", "above_threshold"]

@@ -10,7 +10,7 @@ from importlib import import_module
 import numpy as np
 
 from common.config import Config
-from common.frame_ring import Image
+from common.frames.ring import Image
 from common.geometry import Array, Pose2, features_at
 from common.messages import DockingState, Frame, StateCause
 from common.timing import NS_PER_MS
@@ -73,9 +73,9 @@ class StateEstimator:
         return self._state(detection, frame.capture_ns, theta_homography_rad)
 
     def no_frame(self, now_ns: int, twist: tuple[float, float], cause: StateCause = "no_frame") -> DockingState:
-        """The state when no frame came, or none that may be looked at: the last pose, not valid.
+        """The state when no frame came, or a stale one: the last pose, not valid.
 
-        The array will be looked for where the wheels take the robot meanwhile.
+        The search continues at the pose predicted from the wheels.
         """
         self._perception.drive(now_ns, twist)
         nothing = np.full((len(self._config.leds.points), 2), np.nan)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from common.frame_ring import Image
+from common.frames.ring import Image
 from common.geometry import Array, Pose2, interaction_matrix, move_relative, wrap_angle
 from follower.estimator.lens import Lens
 from follower.estimator.planar_fit import FitModel, fit

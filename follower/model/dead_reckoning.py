@@ -2,7 +2,8 @@
 
 Two identical arrays differ only in where they are. The uncertainty grows while driving
 as if a disturbance of the configured size had begun with the last sight of the array; a floor covers what no model
-describes. It ends where a neighbouring array would pass: whoever drove on blindly for longer stays unsure.
+describes. The growth is capped at 0.25 m, so that a
+neighbouring array stays outside the gate; after a longer blind drive the pose stays uncertain.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ import numpy as np
 
 from common.geometry import Array
 
-FULL_DRIFT_SPEED_M_S = 0.002  # below it a wheel as good as stands
+FULL_DRIFT_SPEED_M_S = 0.002  # below it a wheel counts as standing
 FADING_BELOW_M_S = 0.05  # in a plan
 FADE_DOUBT = 0.7  # how far, of itself, a drift may be from the assumed fading when the speed has fallen to 1/e
 DOUBTED_BELOW_M_S = 0.08
@@ -74,7 +74,7 @@ class FadeDoubt:
         self._least_m_s = STANDING_M_S
 
     def variance(self, v_m_s: float) -> float:
-        """Variance, relative to the drift's square, that a drop to this speed below the least of late adds."""
+        """Variance (relative to the squared drift) added when the speed falls below its recent minimum."""
         speed = max(abs(v_m_s), STANDING_M_S)
         if speed >= DOUBTED_BELOW_M_S:
             self._least_m_s = DOUBTED_BELOW_M_S

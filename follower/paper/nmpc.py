@@ -78,7 +78,9 @@ class PaperNmpc:
 
     def warm_up(self) -> None:
         """Solve from three metres before the goal, twice: cold and from the first solution."""
-        caps = SpeedCaps(self._limits.v_min_m_s, self._limits.v_max_m_s, self._limits.w_max_rad_s)
+        caps = SpeedCaps(
+            v_min_m_s=self._limits.v_min_m_s, v_max_m_s=self._limits.v_max_m_s, w_max_rad_s=self._limits.w_max_rad_s
+        )
         goal = Goal(features_at(self._points_l, Pose2(1.5, 0.0, 0.0), self._camera))
         start = Pose2(4.5, 0.3, 0.1)
         state = FeatureState(features_at(self._points_l, start, self._camera), start.theta_rad)

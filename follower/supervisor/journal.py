@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from common.file_writer import BackgroundWriter
+from common.files.writer import BackgroundWriter
 from common.timing import NS_PER_S
 
 ATTEMPTS_FILE, ATTEMPT_SCHEMA = "attempts.jsonl", "attempt/1"

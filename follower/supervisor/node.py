@@ -21,7 +21,7 @@ from common.channels import (
     MANUAL_REQUEST,
     MISSION,
 )
-from common.file_writer import state_directory
+from common.files.writer import state_directory
 from common.messages import DockRequest, FollowerSummary, Mission
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S

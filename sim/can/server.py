@@ -106,7 +106,7 @@ class CanServer:
     def _step(self) -> bool:
         wait_s = max(self._next_tick_ns - self._now_ns(), 0) * 1e-9
         ready = self._selector.select(wait_s)
-        self._excuse(self._now_ns())
+        self._report_stall(self._now_ns())
         for key, _ in ready:
             if key.fileobj is self._wake_in:
                 return False
@@ -121,8 +121,8 @@ class CanServer:
             self._write(client)
         return True
 
-    def _excuse(self, now_ns: int) -> None:
-        """Tell the nodes how long they stalled, before they get the frames that came meanwhile."""
+    def _report_stall(self, now_ns: int) -> None:
+        """Report a stall to the nodes before the queued frames are delivered."""
         late_ns = now_ns - self._next_tick_ns
         if not self._next_tick_ns or late_ns < _STALL_NS:
             return

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from common.frame_ring import Image
-from common.frame_source import Capture
+from common.frames.ring import Image
+from common.frames.source import Capture
 from common.geometry import Pose2
 from common.node import Inbox, NodeContext, Trigger
 from common.timing import NS_PER_S

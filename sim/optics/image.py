@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.config import CameraConfig, LedsConfig
-from common.frame_ring import Image
+from common.frames.ring import Image
 from common.geometry import Array, Pose2, move_relative
 from sim.optics.lens import image_of_rays
 from sim.optics.light import hidden, lights_of

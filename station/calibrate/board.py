@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from common.frame_ring import Image
+from common.frames.ring import Image
 from common.geometry import Array
 
 Size = tuple[int, int]

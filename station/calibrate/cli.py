@@ -23,7 +23,7 @@ from station.calibrate.frames import measured, open_frames, valid_states
 from station.calibrate.lens import KINDS, CalibrationError, calibrate_camera
 from station.calibrate.lens_file import differences, store
 from station.calibrate.live_board import BoardCollector, collect
-from station.calibrate.mount import MountError, View, averaged, calibrate_mount, whole_tilt_rad
+from station.calibrate.mount import MountError, MountView, averaged, calibrate_mount, whole_tilt_rad
 from station.calibrate.mount_file import load_views, save_views
 from station.options import ConfigOption, RuntimeOption, SetOption, loaded, numbers, writable
 
@@ -109,7 +109,7 @@ def view(
         mean = averaged(features, robots.camera.lens.fx_px)
     except MountError as error:
         raise ConfigError(f"view {pose}: {error}") from error
-    save_views([*views, View(Pose2(x_m, y_m, math.radians(theta_deg)), mean)], out)
+    save_views([*views, MountView(Pose2(x_m, y_m, math.radians(theta_deg)), mean)], out)
     typer.echo(f"{out}: {len(views) + 1} views")
 
 

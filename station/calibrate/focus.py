@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from common.frame_ring import Image
+from common.frames.ring import Image
 from follower.estimator.spots import SATURATED, NoisyImageError, SpotRule, background, brightest, find_spots
 
 _CORE = 0.5

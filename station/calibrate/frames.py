@@ -13,8 +13,8 @@ import numpy as np
 from common.channels import DOCKING_STATE, FRAME
 from common.config import Config
 from common.errors import ConfigError, DeviceError
-from common.frame_ring import FrameReader, Image
-from common.frame_source import FrameSource, frame_source
+from common.frames.ring import FrameReader, Image
+from common.frames.source import FrameSource, frame_source
 from common.geometry import Array
 from common.messages import DockingState, Frame, MessageError
 from common.node import Inbox, NodeContext

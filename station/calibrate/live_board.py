@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from common.frame_ring import Image
+from common.frames.ring import Image
 from common.geometry import Array
 from station.calibrate.board import Board, Size, covered_cells, find_corners, lacking
 

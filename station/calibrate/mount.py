@@ -31,7 +31,7 @@ class MountError(Exception):
 
 
 @dataclass(frozen=True)
-class View:
+class MountView:
     """The array seen at a measured pose of {L} in {F}: features (n, 2) normalised, NaN where not seen."""
 
     relative: Pose2
@@ -57,7 +57,7 @@ class Mount:
     residual_px: float
 
 
-def calibrate_mount(views: Sequence[View], points_l: Array, start_xyz_m: Array, focal_px: float) -> Mount:
+def calibrate_mount(views: Sequence[MountView], points_l: Array, start_xyz_m: Array, focal_px: float) -> Mount:
     """Fit the mounting.
 
     Args:
@@ -114,7 +114,7 @@ def project(points_l: Array, relative: Pose2, state: Array) -> Array:
     return np.column_stack([x / z, y / z])
 
 
-def _linearised(views: Sequence[View], points_l: Array, state: Array) -> tuple[Array, Array]:
+def _linearised(views: Sequence[MountView], points_l: Array, state: Array) -> tuple[Array, Array]:
     """Errors (m,) of all seen coordinates and their Jacobian (m, 6), by central differences."""
     errors, rows = [], []
     for view in views:

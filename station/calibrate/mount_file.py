@@ -14,12 +14,12 @@ import numpy as np
 
 from common.errors import ConfigError
 from common.geometry import Pose2
-from station.calibrate.mount import View
+from station.calibrate.mount import MountView
 
 _UNSEEN = (math.nan, math.nan)
 
 
-def load_views(path: Path, leds: int) -> list[View]:
+def load_views(path: Path, leds: int) -> list[MountView]:
     """Read them.
 
     Raises:
@@ -31,7 +31,7 @@ def load_views(path: Path, leds: int) -> list[View]:
         for entry in table:
             x_m, y_m, theta_deg = (float(value) for value in entry["pose"])
             features = [_UNSEEN if point is None else point for point in entry["features"]]
-            views.append(View(Pose2(x_m, y_m, math.radians(theta_deg)), np.array(features, dtype=np.float64)))
+            views.append(MountView(Pose2(x_m, y_m, math.radians(theta_deg)), np.array(features, dtype=np.float64)))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from error
     except (ValueError, KeyError, TypeError) as error:
@@ -45,7 +45,7 @@ def load_views(path: Path, leds: int) -> list[View]:
     return views
 
 
-def save_views(views: Sequence[View], path: Path) -> None:
+def save_views(views: Sequence[MountView], path: Path) -> None:
     """Write them."""
     table = [
         {
@@ -57,7 +57,7 @@ def save_views(views: Sequence[View], path: Path) -> None:
     path.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
 
 
-def _finite(view: View) -> bool:
+def _finite(view: MountView) -> bool:
     """A LED that was not seen is NaN in both coordinates, never in one."""
     halves = np.isnan(view.features).any(axis=1) != np.isnan(view.features).all(axis=1)
     return (

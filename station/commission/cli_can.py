@@ -75,7 +75,7 @@ def enable_test(
     """Turn each axis in both directions, try each limit, let the watchdog trip. No bridge may be running."""
     if not wheels_are_up:
         raise typer.BadParameter("lift the wheels off the ground, then give --wheels-are-up")
-    _be_punctual()
+    _request_real_time()
     robots: Config = loaded(config, overrides)
     for check in EnableTest(robots, _path(config), MonotonicClock()).run():
         typer.echo(f"{'ok  ' if check.passed else 'FAIL'}  {check.name:28s} {check.result}")
@@ -94,7 +94,7 @@ def home(
     """Find the home of each axis that has no absolute encoder, one after the other. No bridge may be running."""
     if not arms_are_free:
         raise typer.BadParameter("arms and lift will move: clear their way, then give --arms-are-free")
-    _be_punctual()
+    _request_real_time()
     robots: Config = loaded(config, overrides)
     for check in Homing(robots, _path(config), MonotonicClock()).run():
         typer.echo(f"{'ok  ' if check.passed else 'FAIL'}  {check.name:28s} {check.result}")
@@ -102,8 +102,8 @@ def home(
             raise typer.Exit(1)
 
 
-def _be_punctual() -> None:
-    """As the bridge, where allowed: drives whose heartbeat is late for 80 ms stop by themselves."""
+def _request_real_time() -> None:
+    """Real-time priority, as the bridge has it, where allowed: a heartbeat 80 ms late stops the drives."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(process("follower-can-bridge").priority))
     except OSError as error:

@@ -60,7 +60,7 @@ def follower_nodes(config: Config, config_path: Path) -> list[ExpectedNode]:
 
 
 def _speed_limit(axis: Axis) -> list[tuple[int, int, int, str]]:
-    """The wheels' own ceiling of speed: another geometry in the configuration makes another number of it."""
+    """The speed limit in the wheel drives, in counts/s by the configured geometry."""
     return [
         (index, subindex, value, f"speed limit {value} counts/s")
         for index, subindex, value in axis.extra

@@ -76,7 +76,7 @@ def check_disk(check: str, path: str, free_bytes: int, least_mb: int, comfortabl
 
 
 def check_clock(synchronised: bool | None, stepped_s: float, now_s: float, newest_file_s: float) -> Finding:
-    """The wall clock, on which certificates alone depend: control goes by the monotonic one.
+    """Check the wall clock; only certificates depend on it, control uses the monotonic clock.
 
     Args:
         synchronised: as the machine reports it; None where it does not.

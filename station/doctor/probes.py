@@ -19,7 +19,7 @@ import numpy as np
 
 from common.config import CameraConfig, Config
 from common.errors import ConfigError, DeviceError
-from common.frame_source import frame_source
+from common.frames.source import frame_source
 from common.node import Inbox, NodeContext
 from common.processes import PROCESSES
 from common.timing import NS_PER_S, MonotonicClock

@@ -12,7 +12,7 @@ import numpy as np
 from common.channels import ARM_STATE, COMMAND, DOCKING_STATE, DRIVES, FRAME, LEADER_STATE, MISSION, Channel
 from common.config import Config
 from common.docking_errors import docked_error
-from common.frame_ring import FrameReader, Image
+from common.frames.ring import FrameReader, Image
 from common.geometry import Array, Pose2, features_at
 from common.messages import ArmState, Command, DockingState, Drives, Frame, LeaderState, Mission, Phase
 from common.timing import NS_PER_MS, NS_PER_S

@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from common.file_writer import write_json
+from common.files.writer import write_json
 from station.simulate.record import DockingRecord
 
 Memory = dict[str, list[tuple[float, float]]]

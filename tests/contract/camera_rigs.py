@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from common.config import CameraConfig, Config
-from common.frame_ring import Image
-from common.frame_source import Capture, FrameSource
+from common.frames.ring import Image
+from common.frames.source import Capture, FrameSource
 from common.node import Inbox, NodeContext
 from common.timing import NS_PER_S, SteppedClock
 from follower.camera.mindvision import MindVisionSource

@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from common.frame_ring import Image
+from common.frames.ring import Image
 
 
 class CameraException(Exception):  # noqa: N818 - the SDK's name

@@ -10,8 +10,8 @@ import pytest
 
 from common.config import Config
 from common.errors import DeviceError
-from common.frame_ring import Image
-from common.frame_source import frame_source
+from common.frames.ring import Image
+from common.frames.source import frame_source
 from common.timing import NS_PER_S
 from follower.camera.mindvision import MindVisionSource
 from follower.camera.replay import ReplaySource

@@ -21,7 +21,7 @@ WITH_CLOCK = {
     "common/timing.py",
     "common/bus.py",
     "common/executor.py",
-    "common/file_writer.py",
+    "common/files/writer.py",
     "sim/can/server.py",
 }
 
@@ -172,3 +172,29 @@ def test_python_in_shell_scripts_imports_what_there_is() -> None:
     assert any("common.config" in line for line in lines)
     for line in lines:
         exec(line, {})
+
+
+def test_product_folders_files_and_functions_are_small() -> None:
+    """At most 15 files a folder beside ``__init__``, 300 lines a file but the gate's, 72 lines a function."""
+    folders = {path.parent for path in sources(*PACKAGES)}
+    full = {str(f.relative_to(ROOT)): n for f in folders if (n := len([*f.glob("[!_]*.py")])) > 15}
+    assert full == {}
+    long_files = {str(p.relative_to(ROOT)) for p in sources(*PACKAGES) if p.read_text().count("\n") > 300}
+    assert long_files <= {"follower/can_bridge/gate.py"}
+    long_functions = {
+        f"{path.relative_to(ROOT)}: {node.name}"
+        for path in sources(*PACKAGES)
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef) and (node.end_lineno or 0) - node.lineno >= 60
+    }
+    assert long_functions == set()
+
+
+def test_no_class_name_stands_for_two_things() -> None:
+    """A class that several files need is imported; private ones are their file's own."""
+    places: dict[str, list[str]] = {}
+    for path in sources(*PACKAGES):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from common.channels import DOCK_REQUEST, LOCK_REQUEST, Channel
+from common.files.parsing import UnreadableError
 from common.messages import Answer, DockRequest, Header, LockRequest, MessageError, decode, encode
 from common.node import Received
-from common.parsing import UnreadableError
 from common.request_desk import KEPT_NS, MOST_KEPT, MOST_MARKS, RequestDesk
 from common.timing import NS_PER_S
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from common.config import Config
-from common.frame_ring import Image
+from common.frames.ring import Image
 from common.geometry import Pose2
 from common.messages import Frame, StateCause
 from follower.camera.exposure import FACTOR, ExposureRetry

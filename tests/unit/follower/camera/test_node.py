@@ -13,8 +13,8 @@ import pytest
 from common.channels import DOCKING_STATE, FRAME, Channel
 from common.config import CameraConfig, Config
 from common.errors import DeviceError
-from common.frame_ring import FrameReader, Image
-from common.frame_source import Capture
+from common.frames.ring import FrameReader, Image
+from common.frames.source import Capture
 from common.messages import DockingState, Frame, Header, StateCause, encode
 from common.node import Inbox, NodeContext, Trigger
 from common.timing import NS_PER_S, SteppedClock

@@ -54,7 +54,7 @@ def test_standing_has_a_hysteresis() -> None:
 @pytest.mark.parametrize(("disturbance", "stands"), [(DRIFTING, True), (NO_DISTURBANCE, False)])
 def test_a_drifting_robot_near_the_goal_brakes_and_stays(disturbance: MotionDisturbance, stands: bool) -> None:
     controller = realtime.make(CONFIG)
-    caps = SpeedCaps(LIMITS.v_min_m_s, LIMITS.v_max_m_s, LIMITS.w_max_rad_s)
+    caps = SpeedCaps(v_min_m_s=LIMITS.v_min_m_s, v_max_m_s=LIMITS.v_max_m_s, w_max_rad_s=LIMITS.w_max_rad_s)
     goal = Goal(features_at(POINTS, CONFIG.docking.goal(1), CAMERA))
     here, last = Pose2(1.508, 0.001, 0.001), (0.02, 0.01)
     first = controller.solve(MotionState(here, disturbance, last), goal, last, caps)

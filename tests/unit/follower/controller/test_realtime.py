@@ -29,7 +29,7 @@ CONFIG = load_config(default_config_path())
 POINTS, CAMERA = CONFIG.leds.points, CONFIG.camera.mount
 GOAL = Goal(features_at(POINTS, CONFIG.docking.goal(1), CAMERA))
 LIMITS, REALTIME = CONFIG.limits, CONFIG.controller.realtime
-CAPS = SpeedCaps(LIMITS.v_min_m_s, LIMITS.v_max_m_s, LIMITS.w_max_rad_s)
+CAPS = SpeedCaps(v_min_m_s=LIMITS.v_min_m_s, v_max_m_s=LIMITS.v_max_m_s, w_max_rad_s=LIMITS.w_max_rad_s)
 PAPER_STARTS = [(6, 1.5, 0), (8, 1, -30), (7, -0.5, -45), (4, -1, 45), (6.2, 1.6, -45)]
 
 poses = st.builds(Pose2, st.floats(1.6, 8.0), st.floats(-0.8, 0.8), st.floats(-0.3, 0.3))
@@ -110,7 +110,7 @@ def test_every_plan_keeps_speed_and_rate_limits(
     pose: Pose2, disturbance: MotionDisturbance, v: float, w: float, v_cap: float, w_cap: float
 ) -> None:
     controller = make()
-    caps = SpeedCaps(-0.1, v_cap, w_cap)
+    caps = SpeedCaps(v_min_m_s=-0.1, v_max_m_s=v_cap, w_max_rad_s=w_cap)
     for _ in range(3):
         plan = controller.solve(MotionState(pose, disturbance), GOAL, (v, w), caps)
         assert plan.usable, plan.status
@@ -210,9 +210,9 @@ def test_impossible_commands_and_caps_are_a_status(bad: float) -> None:
     pose, good = Pose2(3.0, 0.0, 0.0), (0.0, 0.0)
     for applied, caps in (
         ((bad, 0.0), CAPS),
-        (good, SpeedCaps(-0.1, float("nan"), 0.6)),
-        (good, SpeedCaps(0.3, 0.2, 0.6)),
-        (good, SpeedCaps(-0.1, 0.3, -0.1)),
+        (good, SpeedCaps(v_min_m_s=-0.1, v_max_m_s=float("nan"), w_max_rad_s=0.6)),
+        (good, SpeedCaps(v_min_m_s=0.3, v_max_m_s=0.2, w_max_rad_s=0.6)),
+        (good, SpeedCaps(v_min_m_s=-0.1, v_max_m_s=0.3, w_max_rad_s=-0.1)),
     ):
         assert make().solve(MotionState(pose), GOAL, applied, caps).status is PlanStatus.INVALID_INPUT
     unknown = make().solve(MotionState(pose, wheels=(float("nan"), 0.0)), GOAL, good, CAPS)

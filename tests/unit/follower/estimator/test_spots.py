@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from common.frame_ring import Image
+from common.frames.ring import Image
 from follower.estimator import spots as module
 from follower.estimator.spots import MOST_MEASURED, NoisyImageError, SpotRule, brightest, find_spots, find_spots_near
 

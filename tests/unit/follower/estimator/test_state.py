@@ -10,7 +10,7 @@ import pytest
 
 from common.channels import DRIVES, FRAME, MISSION
 from common.config import Config
-from common.frame_ring import FrameRing, Image
+from common.frames.ring import FrameRing, Image
 from common.geometry import Pose2, features_at
 from common.messages import DockingState, Drives, Frame, Header, Message, Mission, encode
 from common.node import Inbox, NodeContext

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from common.config import Config
-from common.frame_ring import Image
+from common.frames.ring import Image
 from common.geometry import Array, Pose2, features_at, move_relative
 from follower.estimator.lens import Lens
 from follower.estimator.planar_fit import FitModel

@@ -111,7 +111,7 @@ def test_compensation_cancels_what_an_input_could_have_caused(v: float, w: float
 def test_limited_command_keeps_cap_and_rate(
     wanted: tuple[float, float], last: tuple[float, float], cap: float
 ) -> None:
-    v, w = limited(wanted, last, SpeedCaps(-0.1, cap, 0.6), CONFIG.limits)
+    v, w = limited(wanted, last, SpeedCaps(v_min_m_s=-0.1, v_max_m_s=cap, w_max_rad_s=0.6), CONFIG.limits)
     dv, dw = CONFIG.limits.controller_dv_m_s, CONFIG.limits.controller_dw_rad_s
     assert abs(v - last[0]) <= dv + 1e-12
     assert abs(w - last[1]) <= dw + 1e-12
@@ -120,4 +120,6 @@ def test_limited_command_keeps_cap_and_rate(
 
 
 def test_a_wanted_command_within_the_limits_is_left_alone() -> None:
-    assert limited((0.11, 0.02), (0.10, 0.0), SpeedCaps(-0.1, 0.5, 0.6), CONFIG.limits) == pytest.approx((0.11, 0.02))
+    assert limited(
+        (0.11, 0.02), (0.10, 0.0), SpeedCaps(v_min_m_s=-0.1, v_max_m_s=0.5, w_max_rad_s=0.6), CONFIG.limits
+    ) == pytest.approx((0.11, 0.02))

@@ -28,7 +28,9 @@ from follower.paper.nmpc import PaperNmpc
 CONFIG = load_config(default_config_path(), ["controller.effort_weight=[0.003, 0.003]"])
 POINTS, CAMERA = CONFIG.leds.points, CONFIG.camera.mount
 HEIGHTS = CAMERA[2] - POINTS[:, 2]
-CAPS = SpeedCaps(CONFIG.limits.v_min_m_s, CONFIG.limits.v_max_m_s, CONFIG.limits.w_max_rad_s)
+CAPS = SpeedCaps(
+    v_min_m_s=CONFIG.limits.v_min_m_s, v_max_m_s=CONFIG.limits.v_max_m_s, w_max_rad_s=CONFIG.limits.w_max_rad_s
+)
 GOAL = Goal(features_at(POINTS, CONFIG.docking.goal(1), CAMERA))
 OFFSET_CAMERA = np.array([0.25, 0.07, 1.20])
 PAPER_STARTS = [(6, 1.5, 0), (8, 1, -30), (7, -0.5, -45), (4, -1, 45), (6.2, 1.6, -45)]
@@ -95,7 +97,7 @@ def test_every_plan_keeps_speed_and_rate_limits(
     controller: PaperNmpc, pose: Pose2, v: float, w: float, v_cap: float
 ) -> None:
     controller.reset()
-    plan = controller.solve(state_at(pose), GOAL, (v, w), SpeedCaps(-0.1, v_cap, 0.6))
+    plan = controller.solve(state_at(pose), GOAL, (v, w), SpeedCaps(v_min_m_s=-0.1, v_max_m_s=v_cap, w_max_rad_s=0.6))
     assert plan.usable, plan.status
     limits, slack = CONFIG.limits, 1e-6
     rates_v = np.diff(np.append(v, plan.v_m_s))
@@ -151,12 +153,12 @@ def test_a_command_no_robot_drove_is_a_status(controller: PaperNmpc, bad: float,
 @pytest.mark.parametrize(
     "caps",
     [
-        SpeedCaps(-0.1, float("nan"), 0.6),
-        SpeedCaps(float("nan"), 0.3, 0.6),
-        SpeedCaps(-0.1, 0.3, float("nan")),
-        SpeedCaps(0.3, 0.2, 0.6),
-        SpeedCaps(5.0, 6.0, 0.6),
-        SpeedCaps(-0.1, 0.3, -0.2),
+        SpeedCaps(v_min_m_s=-0.1, v_max_m_s=float("nan"), w_max_rad_s=0.6),
+        SpeedCaps(v_min_m_s=float("nan"), v_max_m_s=0.3, w_max_rad_s=0.6),
+        SpeedCaps(v_min_m_s=-0.1, v_max_m_s=0.3, w_max_rad_s=float("nan")),
+        SpeedCaps(v_min_m_s=0.3, v_max_m_s=0.2, w_max_rad_s=0.6),
+        SpeedCaps(v_min_m_s=5.0, v_max_m_s=6.0, w_max_rad_s=0.6),
+        SpeedCaps(v_min_m_s=-0.1, v_max_m_s=0.3, w_max_rad_s=-0.2),
     ],
 )
 def test_caps_that_leave_no_speed_are_a_status(controller: PaperNmpc, caps: SpeedCaps) -> None:

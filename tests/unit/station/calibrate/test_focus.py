@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from common.config import Config
-from common.frame_ring import Image
+from common.frames.ring import Image
 from common.geometry import Pose2
 from follower.estimator.spots import SpotRule
 from sim.optics.image import Optics, View

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from common.frame_ring import Image
+from common.frames.ring import Image
 from station.calibrate.board import Board, covered_cells
 from station.calibrate.live_board import BoardCollector, collect
 

@@ -12,7 +12,7 @@ from common.config import CameraConfig, Config
 from common.errors import ConfigError
 from common.geometry import Pose2, features_at
 from follower.estimator.lens import Lens
-from station.calibrate.mount import MountError, View, averaged, calibrate_mount, project, whole_tilt_rad
+from station.calibrate.mount import MountError, MountView, averaged, calibrate_mount, project, whole_tilt_rad
 from station.calibrate.mount_file import load_views, save_views
 from tests.rigs.mount_rig import FOCAL_PX, docked
 
@@ -26,10 +26,12 @@ POSES = [
 ]
 
 
-def views(config: Config, noise_px: float = 0.05, poses: list[Pose2] = POSES) -> list[View]:
+def views(config: Config, noise_px: float = 0.05, poses: list[Pose2] = POSES) -> list[MountView]:
     draws = np.random.default_rng(2)
     noise = noise_px / FOCAL_PX
-    return [View(pose, project(config.leds.points, pose, TRUTH) + draws.normal(0.0, noise, (4, 2))) for pose in poses]
+    return [
+        MountView(pose, project(config.leds.points, pose, TRUTH) + draws.normal(0.0, noise, (4, 2))) for pose in poses
+    ]
 
 
 def test_mount_is_recovered_within_its_own_sigma(config: Config) -> None:
@@ -48,7 +50,9 @@ def test_a_tilt_already_configured_is_part_of_the_whole(config: Config) -> None:
     )
     truth = np.array([*config.camera.mount, *whole])
     levelled = [
-        View(pose, Lens(camera).to_normalised(camera.pinhole.to_pixels(project(config.leds.points, pose, truth))))
+        MountView(
+            pose, Lens(camera).to_normalised(camera.pinhole.to_pixels(project(config.leds.points, pose, truth)))
+        )
         for pose in POSES
     ]
     mount = calibrate_mount(levelled, config.leds.points, camera.mount, FOCAL_PX)
@@ -66,7 +70,7 @@ def test_a_view_is_the_average_of_a_robot_at_rest(config: Config, tmp_path: Path
     assert np.isnan(mean[1]).all()
     assert np.isfinite(mean[[0, 2, 3]]).all()
     path = tmp_path / "views.json"
-    save_views([View(Pose2(2.0, 0.3, 0.1), mean)], path)
+    save_views([MountView(Pose2(2.0, 0.3, 0.1), mean)], path)
     (again,) = load_views(path, 4)
     assert again.relative.as_array() == pytest.approx([2.0, 0.3, 0.1])
     assert again.features == pytest.approx(mean, nan_ok=True)
@@ -93,7 +97,9 @@ def test_mount_refuses_what_does_not_determine_it(config: Config) -> None:
     with pytest.raises(MountError, match=r"within 0\.04 m"):
         calibrate_mount(views(config, poses=near), points, start, FOCAL_PX)
     wrong = [
-        View(Pose2(view.relative.x_m, view.relative.y_m + 0.05 * (-1) ** k, view.relative.theta_rad), view.features)
+        MountView(
+            Pose2(view.relative.x_m, view.relative.y_m + 0.05 * (-1) ** k, view.relative.theta_rad), view.features
+        )
         for k, view in enumerate(views(config))
     ]
     with pytest.raises(MountError, match="residual of"):

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from common.channels import Channel
 from common.errors import ConfigError
-from common.frame_ring import Image
+from common.frames.ring import Image
 from common.node import Inbox, NodeContext, Trigger
 
 ENTRY_POINTS = "davpc.frame_sources"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from common.errors import DeviceError
-from common.frame_ring import SLOTS, FrameReader, FrameRing
+from common.frames.ring import SLOTS, FrameReader, FrameRing
 from common.messages import Frame
 
 WIDTH, HEIGHT = 66, 50

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from common.file_writer import BackgroundWriter, replace_file, state_directory
+from common.files.writer import BackgroundWriter, replace_file, state_directory
 
 
 def test_lines_come_in_order_and_files_whole(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from common.config import Config
-from common.frame_ring import Image
+from common.frames.ring import Image
 from common.geometry import Array, Pose2, features_at, move_relative
 from common.messages import DockingState, Frame
 from common.timing import NS_PER_MS, NS_PER_S

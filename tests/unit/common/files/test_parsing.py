@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.parsing import MOST_BYTES, UnreadableError, parse_json, parse_toml, read_text
+from common.files.parsing import MOST_BYTES, UnreadableError, parse_json, parse_toml, read_text
 
 
 @pytest.mark.parametrize(

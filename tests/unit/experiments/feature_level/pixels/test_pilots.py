@@ -12,8 +12,8 @@ from common.config import default_config_path, load_config
 from common.geometry import Pose2
 from experiments.feature_level import table1
 from experiments.feature_level.feature_world import Disturbances
-from experiments.feature_level.pixel_pilots import PixelPilotFactory
-from experiments.feature_level.pixel_world import PixelWorld
+from experiments.feature_level.pixels.pilots import PixelPilotFactory
+from experiments.feature_level.pixels.world import PixelWorld
 from experiments.feature_level.scenes import DISTURBANCES, pixel_config
 from experiments.feature_level.trial import Outcome, fly_in, goal_task
 

@@ -1,0 +1,1 @@
+"""The paper's tables at pixel level: every frame is rendered and goes through the whole perception."""
