@@ -117,8 +117,13 @@ class SteppedExecutor:
     def _made(self, node: Node, number: int, decoder: _SharedDecoder) -> _RunningNode:
         boot_id = self._clock.boot_id
         outbox = Outbox(node.name, number, boot_id)
-        desk = RequestDesk(boot_id, lambda channel, answer: outbox.pack(channel, answer, self._clock.now_ns()))
-        return _RunningNode(node, Inbox(boot_id, decoder), outbox, desk)
+        return _RunningNode(node, Inbox(boot_id, decoder), outbox, self.desk(outbox))
+
+    def desk(self, outbox: Outbox) -> RequestDesk:
+        """The desk of a process that begins now."""
+        return RequestDesk(
+            self._clock.boot_id, lambda channel, answer: outbox.pack(channel, answer, self._clock.now_ns())
+        )
 
     @property
     def malformed(self) -> int:

@@ -8,6 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
+from experiments.campaign import experiment as campaign
+from experiments.campaign import processes as real_processes
+from experiments.campaign.rows import ROWS
 from experiments.contact import experiment as contact
 from experiments.feature_level import disturbance, sweep, table1, trajectories
 from experiments.feature_level.scenes import DISTURBANCES
@@ -208,6 +211,32 @@ def run_incidents(
     chosen = names(cases, tuple(CASES), "incident")
     results = incidents.run(out, seed, jobs, loaded(config, overrides), trials, chosen)
     _judge(out, results)
+
+
+@experiment.command("campaign", epilog="Example:  davpc experiment campaign --rows S22,S08 --seeds 5 --jobs 2")
+def run_campaign(
+    seeds: Annotated[
+        int, typer.Option("--seeds", "--trials", min=1, help="dockings from which faults branch off")
+    ] = 25,
+    rows: Annotated[str, typer.Option(help="comma-separated rows of docs/safety.md; all when empty")] = "",
+    controls: Annotated[
+        bool, typer.Option("--controls", help="remove one check after the other; rows must notice")
+    ] = False,
+    processes: Annotated[bool, typer.Option("--processes", help="also kill and stop real processes")] = False,
+    seed: SeedOption = 1,
+    jobs: JobsOption = CORES,
+    out: OutOption = Path("out/campaign"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Every failure mode of docs/safety.md in every phase in which it matters, judged by the simulated world.
+
+    The same call with the same --out goes on where it stopped. Exit code 1 if anything is unsafe, wrong or late.
+    """
+    chosen = names(rows, tuple(ROWS), "row")
+    robots = loaded(config, overrides)
+    measured = real_processes.run(out, config, seeds, seed, chosen, typer.echo) if processes else ([], [])
+    _judge(out, campaign.run(out, seed, jobs, robots, seeds, chosen, controls=controls, measured=measured))
 
 
 def _judge(out: Path, results: dict[str, Any]) -> None:
