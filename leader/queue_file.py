@@ -6,6 +6,8 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+from common.files.parsing import UnreadableError, parse_json, read_text
+
 QUEUE_FILE = "queue.json"
 _SCHEMA = "queue/1"
 _MOST = 99
@@ -27,12 +29,12 @@ def content(count: int | None) -> str:
 def read(path: Path) -> KeptQueue:
     """Read the count; no file means no trolley, an unreadable file an unknown count."""
     try:
-        table = json.loads(path.read_text(encoding="utf-8"))
+        table = parse_json(read_text(path))
     except FileNotFoundError:
         return KeptQueue(0)
-    except (OSError, ValueError) as error:
+    except (OSError, UnreadableError) as error:
         return KeptQueue(None, f"{path}: cannot be read ({error}): enter the count (davpc lock count N)")
-    count = table.get("trolleys") if isinstance(table, dict) and table.get("schema") == _SCHEMA else -1
+    count = table.get("trolleys", -1) if isinstance(table, dict) and table.get("schema") == _SCHEMA else -1
     if count is None:
         return KeptQueue(None)
     if not isinstance(count, int) or isinstance(count, bool) or not 0 <= count <= _MOST:

@@ -24,7 +24,7 @@ from common.config.perception import (
     Quadruple,
 )
 from common.config.robots import Config
-from common.config.section import NonNegative, Pair, Positive, Section, Xyz
+from common.config.section import Coordinate, NonNegative, Pair, Positive, Section, Xyz
 
 __all__ = [
     "BATTERY_V_PER_COUNT",
@@ -38,6 +38,7 @@ __all__ = [
     "CompensationConfig",
     "Config",
     "ControllerConfig",
+    "Coordinate",
     "Degrees",
     "DisturbanceConfig",
     "DockingConfig",

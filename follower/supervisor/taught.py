@@ -6,11 +6,14 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
-from common.config import CameraConfig, Config
+from common.config import CameraConfig, Config, Coordinate, NonNegative, Section, validate
 from common.errors import ConfigError
+from common.files.parsing import UnreadableError, parse_json, read_text
 from common.geometry import Array, Pose2
 
 _SCHEMA = "taught/1"
@@ -39,6 +42,24 @@ class Taught:
     frames: int
 
 
+class _StoredPose(Section):
+    x_m: Coordinate
+    y_m: Coordinate
+    theta_rad: Coordinate
+
+
+class _StoredImage(Section):
+    """The file's fields but its schema, as :class:`Taught` describes them."""
+
+    trolley: Annotated[int, Field(ge=1, le=99)]
+    features: tuple[tuple[Coordinate, Coordinate], ...]
+    spread_px: NonNegative
+    pose: _StoredPose
+    calibration: Annotated[str, Field(max_length=100)]
+    offset_px: NonNegative
+    frames: Annotated[int, Field(ge=1, lt=2**31)]
+
+
 def calibration_hash(camera: CameraConfig) -> str:
     """Short hash of what the desired image depends on: image size, lens and mounting."""
     keys = {"width_px", "height_px", "mount_xyz_m", "mount_tilt_deg", "lens"}
@@ -64,15 +85,24 @@ def load(path: Path, camera: CameraConfig) -> Taught:
         ConfigError: not such a file, or taken with another calibration.
     """
     try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-        schema = table.pop("schema")
-        taught = Taught(
-            **{**table, "features": np.array(table["features"], dtype=np.float64), "pose": Pose2(**table["pose"])}
-        )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ConfigError(f"{path}: not a desired image: {type(error).__name__}: {error}") from error
-    if schema != _SCHEMA:
+        table = parse_json(read_text(path))
+    except OSError as error:
+        raise ConfigError(f"{path}: not a desired image: {error.strerror}") from error
+    except UnreadableError as error:
+        raise ConfigError(f"{path}: not a desired image: {error}") from error
+    if not isinstance(table, dict) or table.pop("schema", None) != _SCHEMA:
         raise ConfigError(f"{path}: not a desired image of schema {_SCHEMA}")
+    stored = validate(_StoredImage, table, f"{path}: not a desired image")
+    pose = stored.pose
+    taught = Taught(
+        trolley=stored.trolley,
+        features=np.array(stored.features, dtype=np.float64),
+        spread_px=stored.spread_px,
+        pose=Pose2(pose.x_m, pose.y_m, pose.theta_rad),
+        calibration=stored.calibration,
+        offset_px=stored.offset_px,
+        frames=stored.frames,
+    )
     if taught.calibration != calibration_hash(camera):
         raise ConfigError(f"{path}: taught with another lens or mounting: teach docking {taught.trolley} again")
     return taught
@@ -97,7 +127,7 @@ def taught_images(config: Config, config_path: Path) -> dict[int, Array] | None:
         taught = load(path, config.camera)
         if path.name != taught_name(taught.trolley):
             raise ConfigError(f"{path}: contains the image of docking {taught.trolley}")
-        if taught.features.shape != config.leds.points[:, :2].shape or not np.isfinite(taught.features).all():
+        if taught.features.shape != config.leds.points[:, :2].shape:
             raise ConfigError(f"{path}: not one point for each of the {len(config.leds.points)} LEDs")
         found[taught.trolley] = taught.features
     return found

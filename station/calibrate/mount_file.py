@@ -9,14 +9,27 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
+from common.config import Coordinate, Section, validate
 from common.errors import ConfigError
+from common.files.parsing import UnreadableError, parse_json, read_text
 from common.geometry import Pose2
 from station.calibrate.mount import MountView
 
 _UNSEEN = (math.nan, math.nan)
+
+
+class _StoredView(Section):
+    pose: tuple[Coordinate, Coordinate, Annotated[float, Field(ge=-360.0, le=360.0)]]
+    features: tuple[tuple[Coordinate, Coordinate] | None, ...]
+
+
+class _StoredViews(Section):
+    views: tuple[_StoredView, ...]
 
 
 def load_views(path: Path, leds: int) -> list[MountView]:
@@ -26,23 +39,16 @@ def load_views(path: Path, leds: int) -> list[MountView]:
         ConfigError: not such a file; names what is wrong in it.
     """
     try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-        views = []
-        for entry in table:
-            x_m, y_m, theta_deg = (float(value) for value in entry["pose"])
-            features = [_UNSEEN if point is None else point for point in entry["features"]]
-            views.append(MountView(Pose2(x_m, y_m, math.radians(theta_deg)), np.array(features, dtype=np.float64)))
+        table = parse_json(read_text(path))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{path}: not a list of views: {type(error).__name__}: {error}") from error
-    wrong = [number for number, view in enumerate(views, 1) if view.features.shape != (leds, 2)]
+    except UnreadableError as error:
+        raise ConfigError(f"{path}: not a list of views: {error}; a hidden LED is null") from error
+    stored = validate(_StoredViews, {"views": table}, f"{path}: not a list of views").views
+    wrong = [number for number, view in enumerate(stored, 1) if len(view.features) != leds]
     if wrong:
         raise ConfigError(f"{path}: view {wrong[0]} has not one point for each of the {leds} LEDs")
-    infinite = [number for number, view in enumerate(views, 1) if not _finite(view)]
-    if infinite:
-        raise ConfigError(f"{path}: view {infinite[0]}: pose or points are not finite numbers; a hidden LED is null")
-    return views
+    return [_view(each) for each in stored]
 
 
 def save_views(views: Sequence[MountView], path: Path) -> None:
@@ -57,9 +63,8 @@ def save_views(views: Sequence[MountView], path: Path) -> None:
     path.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
 
 
-def _finite(view: MountView) -> bool:
-    """A LED that was not seen is NaN in both coordinates, never in one."""
-    halves = np.isnan(view.features).any(axis=1) != np.isnan(view.features).all(axis=1)
-    return (
-        bool(np.isfinite(view.relative.as_array()).all()) and not np.isinf(view.features).any() and not halves.any()
-    )
+def _view(stored: _StoredView) -> MountView:
+    """A LED that was not seen is NaN in both coordinates."""
+    x_m, y_m, theta_deg = stored.pose
+    features = [_UNSEEN if point is None else point for point in stored.features]
+    return MountView(Pose2(x_m, y_m, math.radians(theta_deg)), np.array(features, dtype=np.float64))

@@ -2,23 +2,61 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean, stdev
-from typing import Any
+from typing import Annotated, Literal
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from common.config import NonNegative
 from common.errors import ConfigError
-from follower.supervisor.journal import ATTEMPT_SCHEMA
+from common.files.parsing import MOST_BYTES, UnreadableError, parse_json
 from follower.supervisor.journal import ATTEMPTS_FILE as ATTEMPTS_FILE
 
-_KEYS = {"docked", "code", "arrival", "connected", "margins", "gate", "retries", "pauses", "duration_s"}
+_Count = Annotated[int, Field(ge=0, lt=2**31)]
+_Number = Annotated[float, Field(ge=-1e9, le=1e9)]
 _FEWEST_FOR_BIAS = 5
 _SURE = 4.0  # standard errors
 # smaller than this a bias does not matter, however sure it is
 _MATTERS = {"e_x_cm": 2.0, "e_y_cm": 1.0, "e_theta_deg": 0.5}
+
+
+class _Part(BaseModel):
+    """Strict about what is read, silent about what else a record has."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="ignore", allow_inf_nan=False)
+
+
+class Errors(_Part):
+    """Estimated error against the goal, signed."""
+
+    e_x_cm: _Number
+    e_y_cm: _Number
+    e_theta_deg: _Number
+
+
+class GateCounts(_Part):
+    """How often the gate intervened."""
+
+    interventions: _Count
+
+
+class Record(_Part):
+    """One attempt: what the summary needs of the supervisor's report."""
+
+    form: Annotated[Literal["attempt/1"], Field(alias="schema")]
+    docked: bool
+    code: Annotated[str, Field(max_length=400)]
+    arrival: Errors | None
+    connected: Errors | None
+    margins: dict[str, _Number]
+    gate: GateCounts
+    retries: _Count
+    pauses: dict[str, _Count]
+    duration_s: NonNegative
 
 
 @dataclass(frozen=True)
@@ -39,57 +77,54 @@ class Summary:
     warnings: tuple[str, ...]
 
 
-def read_attempts(path: Path, last: int) -> tuple[list[dict[str, Any]], int]:
-    """The newest ``last`` records and how many lines could not be read.
+def read_attempts(path: Path, last: int) -> tuple[list[Record], int]:
+    """The newest ``last`` records and how many lines could not be read: one that a power cut tore costs no other.
 
     Raises:
         ConfigError: there is no such file.
     """
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - MOST_BYTES))
+            lines = file.read(MOST_BYTES).decode(errors="replace").split("\n")
     except OSError as error:
         raise ConfigError(
             f"{path}: no reports of attempts ({error.strerror}): name their folder with --state"
         ) from error
     found, unreadable = [], 0
-    for line in lines[-last:]:
+    for line in [line for line in lines if line.strip()][-last:]:
         try:
-            record = json.loads(line)
-            good = record["schema"] == ATTEMPT_SCHEMA and record.keys() >= _KEYS
-        except (ValueError, KeyError, TypeError):
-            good = False
-        if good:
-            found.append(record)
-        else:
+            found.append(Record.model_validate(parse_json(line)))
+        except (UnreadableError, ValidationError):
             unreadable += 1
     return found, unreadable
 
 
-def summarise(records: list[dict[str, Any]], unreadable: int) -> Summary:
+def summarise(records: list[Record], unreadable: int) -> Summary:
     """Sum records up."""
-    arrivals = [record["arrival"] for record in records if record["arrival"] is not None]
-    docked = [record for record in records if record["docked"]]
+    arrivals = [record.arrival for record in records if record.arrival is not None]
+    docked = [record for record in records if record.docked]
     margins: dict[str, float] = {}
     for record in records:
-        for name, value in record["margins"].items():
+        for name, value in record.margins.items():
             margins[name] = min(value, margins.get(name, math.inf))
     return Summary(
         attempts=len(records),
         docked=len(docked),
         unreadable=unreadable,
-        causes=dict(Counter(record["code"] for record in records if not record["docked"]).most_common()),
-        mean_e_y_cm=_mean([abs(arrival["e_y_cm"]) for arrival in arrivals]),
-        mean_e_theta_deg=_mean([abs(arrival["e_theta_deg"]) for arrival in arrivals]),
-        mean_duration_s=_mean([record["duration_s"] for record in docked]),
-        retries=sum(record["retries"] for record in records),
-        pauses=sum(sum(record["pauses"].values()) for record in records),
-        interventions=sum(record["gate"]["interventions"] for record in records),
+        causes=dict(Counter(record.code for record in records if not record.docked).most_common()),
+        mean_e_y_cm=_mean([abs(arrival.e_y_cm) for arrival in arrivals]),
+        mean_e_theta_deg=_mean([abs(arrival.e_theta_deg) for arrival in arrivals]),
+        mean_duration_s=_mean([record.duration_s for record in docked]),
+        retries=sum(record.retries for record in records),
+        pauses=sum(sum(record.pauses.values()) for record in records),
+        interventions=sum(record.gate.interventions for record in records),
         least_margins=margins,
         warnings=biases(records),
     )
 
 
-def biases(records: list[dict[str, Any]]) -> tuple[str, ...]:
+def biases(records: list[Record]) -> tuple[str, ...]:
     """What the docked poses show of the calibration.
 
     Where trolleys are rigidly connected the queue holds the Follower in place, so the error that the camera measures
@@ -104,9 +139,9 @@ def biases(records: list[dict[str, Any]]) -> tuple[str, ...]:
         One warning for each error whose mean matters and is sure.
     """
     found = []
-    held = [record["connected"] for record in records if record["connected"] is not None]
+    held = [record.connected for record in records if record.connected is not None]
     for name, matters in _MATTERS.items():
-        values = [row[name] for row in held]
+        values = [float(getattr(row, name)) for row in held]
         if len(values) < _FEWEST_FOR_BIAS:
             continue
         mean = fmean(values)

@@ -144,7 +144,7 @@ def test_runs_are_told_apart_by_their_headers() -> None:
 # --- all of them together
 
 
-def record(number: int, **changes: Any) -> dict[str, Any]:
+def table(number: int, **changes: Any) -> dict[str, Any]:
     noise = 0.1 * ((number * 7) % 5 - 2)
     base = {
         "schema": "attempt/1", "trolley": 1, "docked": True, "code": "", "duration_s": 30.0,
@@ -154,6 +154,10 @@ def record(number: int, **changes: Any) -> dict[str, Any]:
         "retries": 0, "pauses": {"LEDs": 1},
     }  # fmt: skip
     return {**base, **changes}
+
+
+def record(number: int, **changes: Any) -> attempts.Record:
+    return attempts.Record.model_validate(table(number, **changes))
 
 
 def test_the_summary_counts_and_takes_the_least_margins() -> None:
@@ -169,10 +173,10 @@ def test_the_summary_counts_and_takes_the_least_margins() -> None:
 
 
 def test_only_a_repeated_signed_bias_of_the_docked_pose_warns() -> None:
-    def shifted(number: int, by_cm: float) -> dict[str, Any]:
-        made = record(number)
+    def shifted(number: int, by_cm: float) -> attempts.Record:
+        made = table(number)
         made["connected"]["e_y_cm"] += by_cm
-        return made
+        return attempts.Record.model_validate(made)
 
     assert attempts.biases([shifted(n, 1.5) for n in range(8)])[0].startswith("e_y_cm: +1.5")
     assert attempts.biases([shifted(n, 1.5 if n % 2 else -1.5) for n in range(8)]) == ()
@@ -184,16 +188,21 @@ def test_lines_that_make_no_sense_are_counted(tmp_path: Path) -> None:
     path.write_text(
         "\n".join(
             [
-                json.dumps(record(1)),
+                json.dumps(table(1, cause="a line\u2028in two"), ensure_ascii=False),
                 "{",
                 "[]",
                 '{"schema": "attempt/1"}',
                 '{"schema": "attempt/9"}',
-                json.dumps(record(2)),
+                "[" * 50_000,
+                json.dumps(table(3, retries="2")),
+                json.dumps(table(3, margins=[])),
+                json.dumps(table(3, duration_s=10**400)),
+                "",
+                json.dumps(table(2)),
             ]
         )
     )
     records, unreadable = attempts.read_attempts(path, 10)
-    assert (len(records), unreadable) == (2, 4)
+    assert (len(records), unreadable) == (2, 8)
     with pytest.raises(ConfigError, match="no reports"):
         attempts.read_attempts(tmp_path / "absent", 10)
