@@ -76,6 +76,12 @@ _CAUSES: Final[tuple[Cause, ...]] = (
     ),
     Cause("leader_lost", "S1", "LEDs and Leader's heartbeat are both gone", "check the Leader's power, start again"),
     Cause("camera_silent", "S1", "no usable image", "see the camera's log, its cable; start again"),
+    Cause(
+        "not_following",
+        "S1",
+        "the image did not follow the wheels, nor after a pause: frozen camera or slipping wheels",
+        "look at the floor under the wheels; see the camera's log, its cable; start again",
+    ),
     Cause("estimator_silent", "S1", "no docking state", "see the estimator's log, start again"),
     Cause("unwell", "S1", "the named component stayed unhealthy too long", "see its log, start again"),
     Cause("too_many_pauses", "S1", "paused more than five times for the named reason", "remove it, start again"),

@@ -38,6 +38,7 @@ StateCause = Literal[
     "stale_frame",
     "bad_frame",
     "frozen_camera",
+    "not_following",
     "overexposed",
     "underexposed",
     "noisy",

@@ -29,7 +29,7 @@ class Frame:
 class DockingState:
     """What the estimator found in one frame. The relative pose is that of {L} in {F}."""
 
-    SCHEMA: ClassVar[str] = "docking_state/1"
+    SCHEMA: ClassVar[str] = "docking_state/2"
     frame_sequence: Count
     capture_ns: Ns
     valid: bool  # the pose can be used; stays true while the estimator predicts through bad frames

@@ -221,7 +221,12 @@ CONTROLS: dict[str, Control] = {
         rows=("S26",), phases=("last_metre",)),
     # health checks of estimator, arms, controller, Leader
     "estimator: frozen camera": Control(
-        layer="health", patches=(_returns("follower.estimator.image_health:ImageHealth.frozen", False),),
+        layer="health", patches=(
+            _returns("follower.estimator.image_health:ImageHealth.frozen", False),
+            _returns("follower.estimator.image_health:ImageFollows.doubted", False)),
+        rows=("S08",)),
+    "estimator: image follows the wheels": Control(
+        layer="health", patches=(_returns("follower.estimator.image_health:ImageFollows.doubted", False),),
         rows=("S08",)),
     "estimator: exposure": Control(
         layer="health", patches=(

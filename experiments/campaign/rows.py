@@ -36,6 +36,7 @@ class Row:
         lets_go: the fault itself takes the trolley from the grippers.
         pushes_not: the arms must not push back.
         reduced: it must have slowed down to 0.1 m/s, as with a LED missing.
+        probe_m: path that may be commanded without a living image, to find out once whether it follows again.
         slow: faults that take time until there is anything to notice: no limit counts from their begin.
         ahead: faults that need free floor ahead: not injected in contact.
         false_locks: the fault itself falsifies the docking state.
@@ -57,6 +58,7 @@ class Row:
     lets_go: bool = False
     pushes_not: bool = False
     reduced: bool = False
+    probe_m: float = 0.0
     slow: tuple[str, ...] = ()
     ahead: tuple[str, ...] = ()
     false_locks: bool = False
@@ -84,6 +86,8 @@ class Row:
 
 
 _DOCKED = ("done",)
+_ELSEWHERE = "the LEDs are not where odometry expects them"
+_STILL = "the image does not follow the wheels"
 _ROWS = (
     Row(id="S01", what="controller SIGKILL: S1, stop time ≤ 150 ms", reaction=("S1",), limit_ms=150,
         faults=("controller_dead",), phases=MOVING, causes=LATE, process="stop-times controller_kill"),
@@ -106,8 +110,9 @@ _ROWS = (
     Row(id="S07", what="stale frame: drop, coast ≤ 100 ms, S0", reaction=("S0",), limit_ms=250,
         faults=("frames_late",), phases=VISUAL, causes=("stale_frame*",), ends=("camera_silent", "leds_lost")),
     Row(id="S08", what="frozen camera: S0 ≤ 200", reaction=("S0",), limit_ms=200,
-        faults=("frozen", "frozen_noisy"), phases=VISUAL, causes=("frozen_camera*",),
-        ends=("camera_silent", "leds_lost")),
+        faults=("frozen", "frozen_noisy"), phases=VISUAL, causes=("frozen_camera*", _STILL),
+        ends=("camera_silent", "leds_lost", "not_following"),
+        probe_m=0.06, false_locks=True),  # off by the braking path
     Row(id="S09", what="over- or under-exposure: one exposure retry, S0", reaction=("S0",), limit_ms=250,
         faults=("overexposed", "underexposed"), phases=VISUAL, causes=("overexposed*", "underexposed*"),
         ends=("leds_lost", "unwell")),
@@ -120,10 +125,10 @@ _ROWS = (
         causes=("few_leds*", "not_identified*", "ambiguous*"), ends=(*_DOCKED, "leds_lost")),
     Row(id="S12", what="false blobs, a second array: two candidates = reject; S0 if > 200 ms",
         reaction=("none", "S0"), limit_ms=450, faults=("second_array", "false_blobs"), phases=VISUAL,
-        causes=("ambiguous*", "residual*", "not_identified*", "the LEDs are not where they must be", "noisy*")),
+        causes=("ambiguous*", "residual*", "not_identified*", _ELSEWHERE, "noisy*")),
     Row(id="S13", what="match swap, pose flip: reject; S0", reaction=("S0",), limit_ms=250,
         faults=("theta_flip", "depth_jump"), phases=("approach", "last_metre"), ends=_DOCKED,
-        causes=("the LEDs are not where they must be",), false_locks=True),
+        causes=(_ELSEWHERE,), false_locks=True),
     Row(id="S14", what="NaN or Inf in any message: drop; S1 after 2", reaction=("S1",), limit_ms=250,
         faults=("nan_command", "nan_state", "nan_mission"), phases=VISUAL,
         causes=(*LATE, "token_age", "bad_frames", "no docking state", "not_finite")),
@@ -132,7 +137,7 @@ _ROWS = (
     Row(id="S16", what="solver late: nothing published; expires; never a late command", reaction=("S1",),
         limit_ms=150, faults=("solver_late",), phases=MOVING, causes=LATE),
     Row(id="S17", what="observer wind-up: clamp", reaction=("none", "S0"), faults=("wheels_misread",),
-        phases=("approach", "last_metre"), causes=("the wheels slip", "the LEDs*", "LEDs not acquired*")),
+        phases=("approach", "last_metre"), causes=(_STILL, "the LEDs*", "LEDs not acquired*")),
     Row(id="S18", what="wall clock jumps ± 1 h: no effect", reaction=("none",), faults=("clock_jumps",),
         phases=ARMED, identical=True, observe_s=1.2, ends=_DOCKED, process="tests/system/test_gaps.py"),
     Row(id="S19", what="CAN bus-off: S1; recovers only disarmed", reaction=("S1",), limit_ms=150,
@@ -192,7 +197,7 @@ _ROWS = (
         pushes_not=True, stays=True, slow=("obstacle",), ahead=("obstacle",)),
     Row(id="S40", what="wheel slip, blocked wheel: measured against visual speed for 300 ms: S0",
         reaction=("S0", "S1", "S2"), limit_ms=1000, faults=("wheels_slip", "wheel_blocked"),
-        phases=("approach", "last_metre"), causes=("the wheels slip", "measured_gap", "measured_stuck", "collision")),
+        phases=("approach", "last_metre"), causes=(_STILL, "measured_gap", "measured_stuck", "collision")),
     Row(id="S41", what="any process restarts mid-dock: disarmed, never resumed", reaction=("S1",), limit_ms=450,
         faults=("restart_camera", "restart_estimator", "restart_controller", "restart_supervisor",
                 "restart_bridge", "restart_arms"),

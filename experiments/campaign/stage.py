@@ -130,6 +130,7 @@ class Stage:
         """End the run."""
         self.executor.__exit__()
         self._folder.cleanup()
+        logging.disable(logging.NOTSET)
 
     def to_goal_m(self) -> float:
         """True distance that {F} has still to go along {L} to the goal of the first trolley."""

@@ -104,6 +104,8 @@ CASES = {
             ("lock_refused",),
             names="lock switch closed",
         ),
+        # an image that stands while the wheels turn may as well be a frozen camera's: the cause names both, and the
+        # second time in a row ends it
         Incident(
             "wheels slip for 1 s",
             "slip",
@@ -111,17 +113,17 @@ CASES = {
             ("done",),
             delay_s=4.0,
             duration_s=1.0,
-            names="the wheels slip",
+            names="slipping wheels",
             pauses="pause",
         ),
         Incident(
             "wheels slip for good",
             "slip",
             "approach",
-            ("too_many_pauses",),
+            ("not_following",),
             delay_s=4.0,
             duration_s=math.inf,
-            names="the wheels slip",
+            names="slipping wheels",
         ),
         Incident(
             "controller stalls for 0.2 s", "stall", "approach", ("done",), delay_s=2.0, duration_s=0.2, rearms=True

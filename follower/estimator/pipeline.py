@@ -21,7 +21,7 @@ from common.timing import NS_PER_MS, NS_PER_S
 from follower.estimator.brightness import LedBrightness
 from follower.estimator.detection import Detection
 from follower.estimator.identification import Failure, Identifier, Limits, Match
-from follower.estimator.image_health import ImageHealth, ImageReport
+from follower.estimator.image_health import ImageFollows, ImageHealth, ImageReport
 from follower.estimator.lens import Lens
 from follower.estimator.planar_fit import FitModel
 from follower.estimator.single_fit import PlanarFit, fit_one, levelled
@@ -74,6 +74,7 @@ class Perception:
         self._identifier = Identifier(self._model, Limits())
         self._tracker = ArrayTracker(self._model, self._lens, estimator.gate_px)
         self._health = ImageHealth((camera.height_px, camera.width_px))
+        self._follows = ImageFollows(self._height, self._mount, sigma)
         checked = config.leds.brightness is not None and estimator.method == "davpc"
         self._brightness = LedBrightness(config.leds, camera) if checked else None
         self._reckoning = DeadReckoning(estimator)
@@ -126,6 +127,8 @@ class Perception:
             detection = replace(detection, cause=self._exposure(image, rule, seen, detection))
         if self._health.frozen(detection.features, moving=abs(twist[0]) > _MOVING or abs(twist[1]) > _MOVING):
             return replace(detection, valid=False, cause="frozen_camera")
+        if self._follows.doubted(detection.features, twist, capture_ns):
+            return replace(detection, valid=False, cause="not_following")
         if not detection.valid or detection.pose is None or detection.covariance is None:
             return detection
         self._reckoning.seen(detection.pose, detection.covariance, capture_ns)

@@ -18,6 +18,8 @@ from follower.estimator.detection import Detection
 from follower.estimator.observer import RelativeObserver
 from follower.estimator.pipeline import Perception
 
+# an image that is not of now: what it shows is not carried on either
+_DEAD: frozenset[StateCause] = frozenset({"frozen_camera", "not_following"})
 # frames in a row that the observer may refuse before it restarts from what perception sees
 _REFUSED_LIMIT = 6
 _RESET_INFLATION = 4.0
@@ -100,6 +102,8 @@ class StateEstimator:
                 self._measured_ns = None
             else:
                 self._observer.predict(capture_ns, *twist)
+        if detection.cause in _DEAD:
+            self._measured_ns = None
         if not detection.valid or detection.pose is None or detection.covariance is None:
             return
         heading = None

@@ -9,7 +9,7 @@ from common.causes import BAD_FRAMES, BUS_LOST, NODE_SILENT, cause_code
 from common.config import BaseConfig, Config
 from common.geometry import Array, Pose2, features_at
 from common.kinematics import path_from_wheels
-from common.messages import Drives
+from common.messages import DockingState, Drives
 from common.timing import NS_PER_S
 from follower.model.dead_reckoning import WheelReckoning
 from follower.standstill import Standstill
@@ -20,6 +20,34 @@ MAX_REARMED, REARMED_WITHIN_S = 3, 20.0
 MAX_SEARCHES = 3
 MAX_RETRIES = 3
 MAX_PAUSES = 5
+NOT_FOLLOWING = "the image does not follow the wheels: frozen camera or slipping wheels"
+# a path on which the estimator notices an image that does not follow, also from far away
+_BELIEVED_M = 0.5
+
+
+class ImageTrust:
+    """Whether an image that did not follow the wheels may be believed once more (``docs/safety.md`` S08).
+
+    A slip passes, so the first doubt is a pause. If the next one comes before a path on which the image must have
+    followed, the camera is dead or the floor stays slippery.
+    """
+
+    def __init__(self) -> None:
+        self._doubted = False
+        self._doubted_at_m: float | None = None
+
+    def lost(self, state: DockingState | None, odometer_m: float) -> bool:
+        """Take one step; true on a second doubt in a row. The odometer's zero is arbitrary."""
+        if state is None:
+            return False
+        if state.valid:
+            self._doubted = False
+        if state.cause != "not_following":
+            return False
+        again = not self._doubted and self._doubted_at_m is not None
+        near = self._doubted_at_m is not None and abs(odometer_m - self._doubted_at_m) < _BELIEVED_M
+        self._doubted, self._doubted_at_m = True, odometer_m
+        return again and near
 
 
 @dataclass(kw_only=True)
@@ -46,6 +74,7 @@ class Attempt:
     retries: int = 0
     pauses: int = 0
     contact_begin_m: float | None = None
+    trust: ImageTrust = field(default_factory=ImageTrust)
     goal: Pose2 = field(init=False)
     desired: Array = field(init=False)
 
@@ -106,10 +135,17 @@ class Attempt:
         """The wait for standstill before arming; empty once the wheels stand."""
         return "" if self.standstill.holds else "standstill"
 
+    def untrusted(self, inputs: SupervisorInputs) -> str:
+        """As a cause: the image did not follow the wheels, nor did it after a pause; empty if it may be believed."""
+        lost = inputs.drives is not None and self.trust.lost(inputs.state, self.odometer_m(inputs.drives))
+        return f"not_following: {NOT_FOLLOWING}" if lost else ""
+
     def blind(self, inputs: SupervisorInputs) -> str:
         """Why the Leader's array is not in view; empty if it is."""
         if inputs.state is None:
             return "no docking state"
+        if inputs.state.cause == "not_following":
+            return NOT_FOLLOWING
         return "" if inputs.state.valid else f"LEDs not acquired ({inputs.state.cause})"
 
     def leader_unready(self, inputs: SupervisorInputs) -> str:

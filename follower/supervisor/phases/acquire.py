@@ -12,7 +12,7 @@ from follower.supervisor.phases.phase import PhaseLogic, failed
 _CONFIRM_NS = NS_PER_S // 2
 _THERE_RAD, _SLOWEST_RAD_S = 0.02, 0.05
 # states with these causes come without an image: turning would not help
-_NO_IMAGE = frozenset({"no_frame", "stale_frame", "bad_frame", "frozen_camera"})
+_NO_IMAGE = frozenset({"no_frame", "stale_frame", "bad_frame", "frozen_camera", "not_following"})
 
 
 def search_refusal(attempt: Attempt, inputs: SupervisorInputs) -> str:

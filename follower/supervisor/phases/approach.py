@@ -8,7 +8,7 @@ from common.geometry import Array
 from common.kinematics import twist_from_wheels
 from common.messages import DockingState
 from common.timing import NS_PER_S, HeldFor
-from follower.supervisor.attempt import MAX_PAUSES, MAX_RETRIES, Attempt
+from follower.supervisor.attempt import MAX_PAUSES, MAX_RETRIES, NOT_FOLLOWING, Attempt
 from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs
 from follower.supervisor.lateral_forecast import LateralForecast
 from follower.supervisor.phases.acquire import search_refusal
@@ -77,7 +77,7 @@ class Pause:
         if not self.reason and too_uncertain:
             self.code, self.reason = "few_leds", "too few LEDs to locate the goal"
         if self._slip.step(inputs) and not self.reason:
-            self.code, self.reason = "unwell", "the wheels slip"
+            self.code, self.reason = "unwell", NOT_FOLLOWING
         if not self.reason and inputs.state is not None and not attempt.reckoning.agrees(inputs.state):
             self.code, self.reason = "lock_disagrees", "the LEDs are not where odometry expects them"
         self._unwell.step(inputs.now_ns, bool(self.reason))
@@ -108,6 +108,8 @@ class ApproachPhase(PhaseLogic):
         """See :class:`PhaseLogic`."""
         if inputs.arms is not None and inputs.arms.connected:
             return failed("contact_early")
+        if cause := self.attempt.untrusted(inputs):
+            return failed(cause)
         missing = self._missing_leds(inputs)
         self._pause.step(inputs, bool(missing) and self._forecast.sigma_m(missing) > self.limits.reduced_sigma_m)
         self._healthy.step(inputs.now_ns, not self._pause.reason)

@@ -38,6 +38,8 @@ class _Ahead(PhaseLogic):
         """Go on, or stand without LEDs: in contact nothing is released and nothing is searched for."""
         if pushed_m > self.limits.push_limit_m:
             return failed("no_contact")
+        if cause := self.attempt.untrusted(inputs):
+            return failed(cause)
         elapsed_s, self._before_ns = (inputs.now_ns - self._before_ns) * 1e-9, inputs.now_ns
         unwell = self.attempt.unwell(inputs) or self.attempt.blind(inputs)
         if self._lost.step(inputs.now_ns, bool(unwell)):

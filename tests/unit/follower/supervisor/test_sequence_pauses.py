@@ -9,7 +9,8 @@ import pytest
 
 from common.config import Config
 from common.geometry import Pose2
-from common.messages import LeaderState
+from common.messages import LeaderState, Mission
+from follower.supervisor.attempt import NOT_FOLLOWING
 from tests.rigs.supervisor_rig import DRIVES, LEADER, Bench, docking_state
 
 
@@ -90,12 +91,59 @@ def test_wheels_that_slip_pause_until_they_stand(bench: Bench) -> None:
     bench.run(0.3, state=replace(state, disturbance=(-0.6, 0.0, 0.0, 0.0)))
     assert bench.mission.motion == "servo"
     bench.step()
-    assert (bench.mission.motion, bench.mission.armed, bench.mission.waiting) == ("hold", True, "the wheels slip")
+    assert (bench.mission.motion, bench.mission.armed, bench.mission.waiting) == ("hold", True, NOT_FOLLOWING)
     bench.run(0.6, drives=drives)
     assert bench.mission.motion == "servo"
     waiting = [bench.step(drives=replace(rolling, measured_ns=0)).mission.waiting for _ in range(23)]
     # the estimator has time to learn that it is over
-    assert 18 <= waiting.index("the wheels slip") <= 21
+    assert 18 <= waiting.index(NOT_FOLLOWING) <= 21
+
+
+def not_following(bench: Bench, config: Config) -> Mission:
+    return bench.step(
+        state=replace(docking_state(config, Pose2(5, 0, 0), valid=False), cause="not_following")
+    ).mission
+
+
+def motion(bench: Bench) -> str:
+    assert bench.mission is not None
+    return bench.mission.motion
+
+
+def drive(bench: Bench, distance_m: float) -> None:
+    """The wheels have turned meanwhile."""
+    drives = bench.seen.drives
+    assert drives is not None
+    turned = distance_m / bench.config.base.wheel_radius_m
+    left, right = drives.wheel_angle_rad
+    bench.seen = replace(bench.seen, drives=replace(drives, wheel_angle_rad=(left + turned, right + turned)))
+
+
+def test_an_image_that_does_not_follow_the_wheels_is_believed_once_more(bench: Bench, config: Config) -> None:
+    bench.to_approach()
+    valid = bench.seen.state
+    paused = not_following(bench, config)
+    assert (paused.motion, paused.armed, paused.waiting) == ("hold", True, NOT_FOLLOWING)
+    drive(bench, 0.2)
+    bench.run(1.0)
+    assert motion(bench) == "hold"
+    bench.run(0.6, state=valid)
+    assert motion(bench) == "servo"
+    drive(bench, 0.1)
+    ended = not_following(bench, config)
+    assert (bench.sequence.phase, ended.cause) == ("aborted", f"not_following: {NOT_FOLLOWING}")
+
+
+def test_a_path_on_which_the_image_followed_makes_up_for_a_doubt(bench: Bench, config: Config) -> None:
+    bench.to_approach()
+    valid = bench.seen.state
+    for _ in range(3):
+        assert not_following(bench, config).motion == "hold"
+        bench.step(state=docking_state(config, Pose2(5, 0, 0), valid=False))  # no second doubt: a frame was lost
+        not_following(bench, config)
+        bench.run(0.6, state=valid)
+        assert motion(bench) == "servo"
+        drive(bench, 0.6)
 
 
 def test_an_undervoltage_pauses_until_it_is_over(bench: Bench) -> None:
