@@ -65,6 +65,7 @@ class Bridge:
         self._resets: int | None = None
         self.state: State = "starting"
         self.cause = ""
+        self._silence = ""
         self.epoch = 0
         self.interventions = 0
         self.intervened: tuple[str, ...] = ()
@@ -140,9 +141,8 @@ class Bridge:
             self.state, self.cause = "fault", measured.faults[0]
             if wanted:
                 self._stopped_epoch = self.epoch
-        elif stalls or measured.passing:
-            self.state = "stopped"
-            self.cause = STALLED if stalls else measured.passing
+        elif passing := STALLED if stalls else self._passing(measured):
+            self.state, self.cause = "stopped", passing
             if wanted:
                 self._stopped_epoch = self.epoch
         elif not wanted:
@@ -164,6 +164,15 @@ class Bridge:
             self._stopped_epoch = self.epoch
         else:
             self.state, self.cause = "enabling", arms.rule
+
+    def _passing(self, measured: BusMeasurement) -> str:
+        """What passes by itself and stops until then; a silence ends only when the stop inputs have been read again.
+
+        Until then they count as STOP, but nobody pressed a button.
+        """
+        if measured.passing or measured.inputs_fresh:
+            self._silence = measured.passing
+        return self._silence
 
     def _reason(self, now_ns: int, rule: str, arm_rule: str) -> str:
         """Why an armed robot has to be stopped, or ""; one reason is that no command has ever arrived."""

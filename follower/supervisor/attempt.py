@@ -121,15 +121,19 @@ class Attempt:
             return inputs.drives.cause
         if not inputs.drives.stop_inputs_clear:
             return "stop input"
-        if low := undervoltage(self.config.base, inputs.drives):
-            return low
-        if inputs.late:
-            return f"{inputs.late} runs late: the computer cannot keep up"
+        if unfit := self.unfit(inputs):
+            return unfit
         if not inputs.controller_alive:
             return "controller silent"
         if inputs.arms is None:
             return "arms silent"
         return ""
+
+    def unfit(self, inputs: SupervisorInputs) -> str:
+        """Why no wheel may turn now, LEDs or not: battery (S46) or computer (S29); empty if they may."""
+        if low := undervoltage(self.config.base, inputs.drives):
+            return low
+        return f"{inputs.late} runs late: the computer cannot keep up" if inputs.late else ""
 
     def rolling(self) -> str:
         """The wait for standstill before arming; empty once the wheels stand."""

@@ -97,7 +97,7 @@ def _nan_state(stage: Stage) -> None:
 
 
 def _solver_fails(stage: Stage) -> None:
-    solver = stage.node(CONTROLLER)._solver
+    solver = stage.node(CONTROLLER)._method._controller
     horizon = stage.config.controller.horizon
     solver.solve = lambda *_args, **_named: failed_plan(PlanStatus.NUMERICAL_FAILURE, horizon, 3)
 

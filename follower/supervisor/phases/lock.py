@@ -91,7 +91,8 @@ class RetractPhase(PhaseLogic):
         limits = self.limits
         # nothing looks backwards: what the wheels' angles miss, time bounds
         if self.elapsed_s(inputs) > _SLOWEST * limits.retract_distance_m / limits.retract_speed_m_s + _RAMP_S:
-            return failed("retract_timeout")
+            unfit = self.attempt.unfit(inputs)
+            return failed(f"retract_timeout: {unfit}" if unfit else "retract_timeout")
         if inputs.drives is None:
             return PhaseOutputs(waiting="drives")
         odometer_m = self.attempt.odometer_m(inputs.drives)
@@ -99,4 +100,6 @@ class RetractPhase(PhaseLogic):
             self._begin_m = odometer_m
         if self._begin_m - odometer_m >= limits.retract_distance_m:
             return PhaseResult("clear")
+        if unfit := self.attempt.unfit(inputs):
+            return PhaseOutputs(waiting=unfit)
         return straight(-limits.retract_speed_m_s)

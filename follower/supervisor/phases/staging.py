@@ -95,10 +95,11 @@ class StagingPhase(PhaseLogic):
         left_m = self._back_m - (self._back_from_m - odometer_m)
         if left_m <= _NEAR_M:
             return self._enter("stand", inputs)
+        unfit = self.attempt.unfit(inputs)
         speed = self.limits.retract_speed_m_s
         if self._stage_s(inputs) > _SLOWEST * self._back_m / speed + _RAMP_S:
-            return failed("staging_timeout: the path back was not completed")
-        return straight(-speed, waiting="staging pose")
+            return failed(f"staging_timeout: {unfit or 'the path back was not completed'}")
+        return PhaseOutputs(waiting=unfit) if unfit else straight(-speed, waiting="staging pose")
 
     def _stand(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         if self._stood_ns is None:

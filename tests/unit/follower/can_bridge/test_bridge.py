@@ -48,6 +48,19 @@ def test_what_was_wrong_for_a_moment_is_kept_until_a_new_epoch(
     assert rig.run(2) == "armed"
 
 
+def test_a_silence_ends_only_when_the_stop_inputs_have_been_read_again(rig: Rig) -> None:
+    rig.measured = replace(rig.measured, bus_lost="bus-off", inputs_fresh=False)
+    assert rig.run() == "stopped"
+    rig.mission = replace(rig.mission, armed=False, epoch=rig.mission.epoch + 1)
+    rig.measured = replace(rig.measured, bus_lost="")
+    rig.run(5)
+    assert (rig.bridge.state, rig.bridge.cause) == ("stopped", "bus_lost: bus-off")
+    rig.measured = replace(rig.measured, inputs_fresh=True)
+    assert rig.run() == "disarmed"
+    rig.measured = replace(rig.measured, inputs_fresh=False)
+    assert rig.run() == "disarmed"
+
+
 @pytest.mark.parametrize(
     ("angles", "cause"),
     [({"wheel_angle_rad": (0.0, 0.7)}, "measured_jump"), ({"joint_angle_rad": (0.3, *(0.0,) * 5)}, "arm_jump")],

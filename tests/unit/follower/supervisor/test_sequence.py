@@ -31,6 +31,20 @@ def test_a_docking_from_start_to_done(bench: Bench) -> None:
     assert not bench.mission.armed
 
 
+def test_a_weak_battery_stands_on_the_way_back_from_the_queue(bench: Bench) -> None:
+    bench.to_lock()
+    bench.run(0.1, leader=replace(LEADER, lock="locked"))
+    bench.step(lock_answers=(Answer(bench.lock_requests[0].id, "done", "locked"),))
+    assert bench.run(0.1, arms=ArmState(0.0, False, False, False, True)) == "retract"
+    assert bench.mission is not None
+    assert bench.seen.drives is not None
+    strong = bench.seen.drives
+    assert bench.run(0.1, drives=replace(strong, battery_v=21.9)) == "retract"
+    assert (bench.mission.motion, bench.mission.waiting[:7]) == ("hold", "battery")
+    bench.run(0.1, drives=strong)
+    assert bench.mission.straight_speed_m_s < 0
+
+
 def test_nothing_moves_before_start_and_each_docking_has_a_new_epoch(bench: Bench) -> None:
     assert bench.run(1.0) == "idle"
     assert bench.mission is not None

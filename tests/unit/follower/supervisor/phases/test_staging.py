@@ -84,6 +84,19 @@ def test_it_backs_away_stands_open_and_takes_the_trolley_that_is_brought(yard: Y
     assert yard.mission.trolley == 2
 
 
+def test_a_weak_battery_stands_on_the_way_back_and_ends_by_name(yard: Yard) -> None:
+    assert yard.ask("start", trolley=2).outcome == "accepted"
+    yard.live(10.0)
+    assert yard.seen.drives is not None
+    yard.seen = replace(yard.seen, drives=replace(yard.seen.drives, battery_v=21.9))
+    yard.live(1.0)
+    assert yard.mission is not None
+    assert yard.mission.motion == "hold"
+    assert yard.mission.waiting.startswith("battery at 21.9 V")
+    assert yard.live(60.0, until="aborted") == "aborted"
+    assert yard.mission.cause.startswith("staging_timeout: battery at 21.9 V")
+
+
 def test_beyond_the_staging_pose_it_stands_where_it_is(yard: Yard) -> None:
     yard.x_m = 5.0
     yard.live(0.2)
