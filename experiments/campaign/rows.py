@@ -170,7 +170,7 @@ _ROWS = (
         causes=("reports cannot be written",)),
     Row(id="S29", what="CPU overload, 3 late loops > 20 ms: S0; S1 if a command is too old first",
         reaction=("S0", "S1"), limit_ms=450, faults=("late_loops",), phases=MOVING,
-        causes=("*runs late*", *LATE), ends=(*_DOCKED, "gate_stop")),
+        causes=("runs late*", *LATE), ends=(*_DOCKED, "gate_stop")),
     Row(id="S30", what="out of memory: as a crash of that unit", process="tests/deploy/test_units.py, S01–S06"),
     Row(id="S31", what="config wrong or out of range: never arm, clear error", reaction=("refuse",),
         faults=("config_radius", "config_gear", "config_cap"), phases=("idle",), process="tests/unit/common"),

@@ -75,7 +75,8 @@ class CanBridgeNode(Node):
             mission=None if self._readonly else inputs.newest(MISSION),
             arms=inputs.newest(ARM_SETPOINT),
         )
-        outputs, setpoint = self._decide(newest, self._measured)
+        judged = self._measured
+        outputs, setpoint = self._decide(newest, judged)
         self._request(outputs)
         self._measured = self._bus.exchange(now_ns, setpoint)
         if self._measured.stalled != self._stalled:
@@ -86,7 +87,7 @@ class CanBridgeNode(Node):
         if self._bridge.state != self._state:
             self._state = self._bridge.state
             _log.info("%s %s", self._state, self._bridge.cause)
-        return ((DRIVES, self._drives(self._measured, outputs.decision)),)
+        return ((DRIVES, self._drives(self._measured, judged, outputs.decision)),)
 
     def stop(self, now_ns: int) -> Sequence[Output]:  # noqa: ARG002
         """Quick-stop and disable, in order; also after a fault of this process."""
@@ -139,7 +140,8 @@ class CanBridgeNode(Node):
             self._sequence = decision.sequence
             self._image_to_can_ns = max(0, self._clock.now_ns() - command.command.capture_ns)
 
-    def _drives(self, measured: BusMeasurement, decision: Decision) -> Drives:
+    def _drives(self, measured: BusMeasurement, judged: BusMeasurement, decision: Decision) -> Drives:
+        """The newest measurement; but stop inputs as the state was decided on, so that the two never contradict."""
         bridge = self._bridge
         return Drives(
             state=bridge.state,
@@ -153,7 +155,7 @@ class CanBridgeNode(Node):
             grip_torque_n_m=measured.grip_torque_n_m,
             grip_angle_rad=measured.grip_angle_rad,
             lift_m=measured.lift_m,
-            stop_inputs_clear=measured.inputs_fresh and measured.estop_clear and measured.protective_clear,
+            stop_inputs_clear=judged.inputs_fresh and judged.estop_clear and judged.protective_clear,
             battery_v=measured.battery_v,
             v_set_m_s=decision.v_m_s,
             w_set_rad_s=decision.w_rad_s,
