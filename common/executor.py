@@ -184,7 +184,7 @@ class ProcessExecutor:
                     request = self._desk.admit(channel, payload, self._clock.now_ns(), reply)
                     content = self._desk.content() if request is not None else ""
             except MessageError as error:
-                self._inbox.refuse(str(error))
+                self._inbox.refuse(error)
                 return
             if request is None:
                 return

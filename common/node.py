@@ -31,7 +31,6 @@ Output = tuple[Channel[Any], Message]
 Decoder = Callable[[type[Any], bytes], tuple[Header, Any]]
 REQUEST_BACKLOG, URGENT_BACKLOG = 64, 8
 EARLY_NS = LATE_NS = 20 * NS_PER_MS
-_MOST_LOGGED = 200
 
 
 @dataclass(frozen=True)
@@ -120,10 +119,10 @@ class Inbox:
         with suppress(MessageError):
             self.put_request(channel, self._decode(Answer, channel, payload, receipt_ns))
 
-    def refuse(self, reason: str) -> None:
-        """Count bytes that were no message; keep the reason for the log as one printable line of a bounded length."""
+    def refuse(self, error: MessageError) -> None:
+        """Count bytes that were no message; keep the reason for the log."""
         self.malformed += 1
-        self.faults.append("".join(c if c.isprintable() else "?" for c in reason[:_MOST_LOGGED]))
+        self.faults.append(str(error))
 
     def newest(self, channel: Channel[M]) -> Received[M] | None:
         """The newest valid message ever received, of any age."""
@@ -190,7 +189,7 @@ class Inbox:
             if channel.reach == "robot" and self._boot_id not in (None, header.boot_id):
                 raise MessageError(f"{channel.key}: stamped in another boot")
         except MessageError as error:
-            self.refuse(str(error))
+            self.refuse(error)
             raise
         return Received(message, header, receipt_ns)
 

@@ -14,10 +14,12 @@ from experiments.campaign.rows import ROWS
 from experiments.contact import experiment as contact
 from experiments.feature_level import disturbance, sweep, table1, trajectories
 from experiments.feature_level.scenes import DISTURBANCES
+from experiments.fuzz import experiment as fuzz
 from experiments.perception import experiment as perception
 from experiments.queues import incidents, linkcut, scenarios, sequential
 from experiments.queues.incident_cases import CASES
 from experiments.stop_times import experiment as stop_times
+from station.fuzz_kinds import STATION_KINDS
 from station.options import ConfigOption, JobsOption, OutOption, SeedOption, SetOption, loaded, names, show
 
 experiment = typer.Typer(no_args_is_help=True, help="Run the paper's experiments. `davpc experiment table1`")
@@ -237,6 +239,26 @@ def run_campaign(
     robots = loaded(config, overrides)
     measured = real_processes.run(out, config, seeds, seed, chosen, typer.echo) if processes else ([], [])
     _judge(out, campaign.run(out, seed, jobs, robots, seeds, chosen, controls=controls, measured=measured))
+
+
+@experiment.command("fuzz", epilog="Example:  davpc experiment fuzz --messages 300000 --jobs 2")
+def run_fuzz(
+    messages: Annotated[int, typer.Option(min=0, help="malformed messages over all channels")] = 100_000,
+    frames: Annotated[int, typer.Option(min=0, help="malformed CAN frames, a fifth of them to the Leader")] = 20_000,
+    files: Annotated[int, typer.Option(min=0, help="mutations of each kind of file, and every truncation")] = 1_000,
+    seconds: Annotated[float, typer.Option(min=0.0, help="end sooner, after this time; 0: when all is sent")] = 0.0,
+    seed: SeedOption = 1,
+    jobs: JobsOption = CORES,
+    out: OutOption = Path("out/fuzz"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Malformed messages, files, overrides and CAN frames: nothing raises, moves or grows.
+
+    Exit code 1 if anything does; each such input is kept in findings/ of --out.
+    """
+    plan = fuzz.FuzzPlan(messages=messages, frames=frames, files=files, seconds=seconds)
+    _judge(out, fuzz.run(out, seed, jobs, loaded(config, overrides), plan, STATION_KINDS))
 
 
 def _judge(out: Path, results: dict[str, Any]) -> None:

@@ -29,6 +29,8 @@ PDO_INVALID = 0x8000_0000
 HEARTBEAT_LOST = 0x8130
 ERROR_FLAG = 0x2000_0000
 """Marks an error report of the CAN controller, not a data frame (linux/can.h); the other bits are the error."""
+EXTENDED_FLAG, REMOTE_FLAG = 0x8000_0000, 0x4000_0000
+"""Mark a 29-bit identifier and a remote frame there; CANopen uses neither."""
 BUS_OFF = 0x0000_0040
 
 _EMCY = struct.Struct("<HB5s")

@@ -6,9 +6,10 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from common.config.section import NonNegative, Pair, Positive, Section
+from common.config.section import Coordinate, NonNegative, Positive, Section
 
-Degrees = tuple[float, float]
+_Degree = Annotated[float, Field(ge=-360.0, le=360.0)]
+Degrees = tuple[_Degree, _Degree]
 
 
 class ArmsConfig(Section):
@@ -18,7 +19,7 @@ class ArmsConfig(Section):
     and y of the handle [N/m, N·s/m], and about its vertical axis [N·m/rad, N·m·s/rad].
     """
 
-    base_xy_m: Annotated[Pair, Field(description="shoulder of the left arm in {F}")]
+    base_xy_m: Annotated[tuple[Coordinate, Coordinate], Field(description="shoulder of the left arm in {F}")]
     link_m: Annotated[tuple[Positive, Positive, Positive], Field(description="upper arm, forearm, wrist to grip")]
     joint_limits_deg: Annotated[
         tuple[Degrees, Degrees, Degrees], Field(description="range of each joint of the left arm")

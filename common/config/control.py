@@ -23,7 +23,9 @@ class RealtimeConfig(Section):
     knots: Annotated[
         tuple[int, ...], Field(min_length=3, description="steps at which the inputs are free, starting at 0")
     ]
-    terminal_weight: Annotated[tuple[float, float, float], Field(description="weight of each α, each β, and θ")]
+    terminal_weight: Annotated[
+        tuple[NonNegative, NonNegative, NonNegative], Field(description="weight of each α, each β, and θ")
+    ]
     effort_weight: Annotated[Pair, Field(description="weight of v² and ω² per step")]
     rate_weight: Annotated[Pair, Field(description="weight of Δv² and Δω² per step")]
     visibility_weight: Positive

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from common.config.robots import Config
 from common.errors import ConfigError
-from common.files.parsing import MOST_DEPTH, UnreadableError, parse_toml, read_text
+from common.files.parsing import MOST_DEPTH, UnreadableError, one_line, parse_toml, read_text
 
 M = TypeVar("M", bound=BaseModel)
 _MOST_SHOWN = 80
@@ -56,7 +56,7 @@ def validate(model: type[M], table: Mapping[str, Any], origin: str) -> M:
         elif first["type"] != "missing" and not isinstance(first["input"], dict | tuple | BaseModel):
             what = f"{what}, got {_short(first['input'])}"
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
-        raise ConfigError(f"{origin}: {key}: {what}{more}") from error
+        raise ConfigError(f"{origin}: {one_line(key)}: {what}{more}") from error
 
 
 def default_config_path() -> Path:
@@ -88,7 +88,7 @@ def _apply(table: dict[str, Any], override: str) -> None:
     for parent in parents:
         table = table.setdefault(parent, {})
         if not isinstance(table, dict):
-            raise ConfigError(f"override {_short(override)}: {parent} is not a table")
+            raise ConfigError(f"override {_short(override)}: {one_line(parent)} is not a table")
     table[last] = parsed
 
 

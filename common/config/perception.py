@@ -9,8 +9,11 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from common.config.section import Positive, Section, Xyz
+from common.config.section import NonNegative, Positive, Section, Xyz
 from common.geometry import Array, Pinhole, mirror_deviation_m
+
+_Pixel = Annotated[float, Field(ge=-1e5, le=1e5)]
+_Coefficient = Annotated[float, Field(ge=-1e4, le=1e4)]
 
 
 class LensConfig(Section):
@@ -19,9 +22,9 @@ class LensConfig(Section):
     model: Literal["pinhole", "rational", "fisheye"] = "pinhole"
     fx_px: Positive
     fy_px: Positive
-    cx_px: float
-    cy_px: float
-    coefficients: tuple[float, ...] = ()
+    cx_px: _Pixel
+    cy_px: _Pixel
+    coefficients: tuple[_Coefficient, ...] = ()
 
     @model_validator(mode="after")
     def _coefficients_fit_model(self) -> LensConfig:
@@ -79,7 +82,9 @@ class BrightnessConfig(Section):
     speck_px: Annotated[
         float, Field(gt=0, le=20, description="distance along a row over which its image falls to 1/e")
     ]
-    factor: Annotated[float, Field(ge=2, description="largest ratio to the expected brightness, and its inverse")]
+    factor: Annotated[
+        float, Field(ge=2, le=1e9, description="largest ratio to the expected brightness, and its inverse")
+    ]
 
 
 class LedsConfig(Section):
@@ -130,7 +135,7 @@ def _check_triangle(corners: Array, rows: tuple[int, ...]) -> None:
         raise ValueError(f"the LEDs {', '.join(map(str, rows))} are collinear: alone they do not determine the pose")
 
 
-Quadruple = tuple[float, float, float, float]
+Quadruple = tuple[NonNegative, NonNegative, NonNegative, NonNegative]
 
 
 class DisturbanceConfig(Section):
@@ -147,12 +152,14 @@ class EstimatorConfig(Section):
 
     method: Literal["paper", "davpc"]
     threshold: Annotated[int, Field(ge=1, le=254)]
-    min_spot_px: Annotated[int, Field(ge=1)]
-    max_spot_px: Annotated[int, Field(ge=4)]
+    min_spot_px: Annotated[int, Field(ge=1, le=2**26)]
+    max_spot_px: Annotated[int, Field(ge=4, le=2**26)]
     gate_px: Positive
     identification_residual_px: Positive
     coast_ms: Positive
     pixel_sigma_px: Positive
-    process_noise: Annotated[tuple[float, float, float], Field(description="x [m], y [m], θ [rad] per √s")]
-    distance_noise: Annotated[float, Field(ge=0, description="x [m], y [m], θ [rad] per √m driven")]
+    process_noise: Annotated[
+        tuple[NonNegative, NonNegative, NonNegative], Field(description="x [m], y [m], θ [rad] per √s")
+    ]
+    distance_noise: Annotated[NonNegative, Field(description="x [m], y [m], θ [rad] per √m driven")]
     disturbance: DisturbanceConfig

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 Positive = Annotated[float, Field(ge=1e-9, le=1e9)]
 NonNegative = Annotated[float, Field(ge=0, le=1e9)]
-Pair = tuple[float, float]
+Pair = tuple[NonNegative, NonNegative]
 Coordinate = Annotated[float, Field(ge=-100.0, le=100.0)]
 Xyz = tuple[Coordinate, Coordinate, Coordinate]
 

@@ -21,6 +21,11 @@ class UnreadableError(ValueError):
     """A text that is not what it should be; one line that says why."""
 
 
+def one_line(text: str, most: int = 200) -> str:
+    """What a stranger wrote, fit for a log or a message: not printable characters replaced, cut to ``most``."""
+    return "".join(c if c.isprintable() else "?" for c in text[:most])
+
+
 def read_text(path: Path) -> str:
     """A UTF-8 file, with or without a byte order mark.
 

@@ -12,6 +12,10 @@ Ns = Count
 Angle = Annotated[float, Field(ge=-7.0, le=7.0)]
 Metres = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Speed = Annotated[float, Field(ge=-10.0, le=10.0)]
+# more than 32-bit counts of any configurable encoder can be: rad, rad/s or m
+Measured = Annotated[float, Field(ge=-1e11, le=1e11)]
+# more than any configurable bound of the estimate
+Disturbance = Annotated[float, Field(ge=-1e10, le=1e10)]
 Torque = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Text = Annotated[str, Field(max_length=400)]
 RequestId = Annotated[str, Field(min_length=1, max_length=100)]

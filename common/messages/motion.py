@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from common.messages.fields import STRICT, Angle, ArmCause, Count, Ns, Phase, Point2, Speed, Text, Torque
+from common.messages.fields import STRICT, Angle, ArmCause, Count, Measured, Ns, Phase, Point2, Speed, Text, Torque
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -117,13 +117,13 @@ class Drives:
     cause: Text  # of state "stopped" or "fault"
     epoch: Count
     measured_ns: Ns
-    wheel_speed_rad_s: tuple[float, float]  # left, right
-    wheel_angle_rad: tuple[float, float]
+    wheel_speed_rad_s: tuple[Measured, Measured]  # left, right
+    wheel_angle_rad: tuple[Measured, Measured]
     joint_torque_n_m: Annotated[tuple[Torque, ...], Field(min_length=6, max_length=6)]  # left 1-3, right 1-3
-    joint_angle_rad: Annotated[tuple[float, ...], Field(min_length=6, max_length=6)]
+    joint_angle_rad: Annotated[tuple[Measured, ...], Field(min_length=6, max_length=6)]
     grip_torque_n_m: tuple[Torque, Torque]
-    grip_angle_rad: tuple[float, float]
-    lift_m: float
+    grip_angle_rad: tuple[Measured, Measured]
+    lift_m: Measured
     stop_inputs_clear: bool  # emergency stop and protective stop
     battery_v: Annotated[float, Field(ge=0, le=200)] | None  # None: what is read can be no battery's voltage
     v_set_m_s: Speed  # the twist last sent to the wheels

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from common.messages.fields import STRICT, Angle, Count, Metres, Ns, Point2, StateCause, Text
+from common.messages.fields import STRICT, Angle, Count, Disturbance, Metres, Ns, Point2, StateCause, Text
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -42,7 +42,9 @@ class DockingState:
     y_m: Metres
     theta_rad: Angle
     covariance: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]  # of x [m], y [m], θ [rad], by row
-    disturbance: tuple[float, float, float, float]  # speed gain, turn gain, yaw [rad/s], sideways [m/s]
+    disturbance: tuple[
+        Disturbance, Disturbance, Disturbance, Disturbance
+    ]  # speed gain, turn gain, yaw [rad/s], sideways [m/s]
     fit: tuple[Metres, Metres, Angle, Angle, Angle] | None  # unfiltered: x, y [m], θ, camera pitch, roll [rad]
     fit_covariance: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)] | None  # x, y, θ of fit; for logs
     residual_px: Annotated[float, Field(ge=0)]  # of the fit

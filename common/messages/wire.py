@@ -10,11 +10,18 @@ import msgpack
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
+from common.files.parsing import one_line
 from common.messages.fields import STRICT, Count, Ns
 
 
 class MessageError(ValueError):
-    """Bytes that are not a valid message of the expected type; the text names the fault."""
+    """Bytes that are not a valid message of the expected type; the text, one line of bounded length, names the fault.
+
+    It may quote what a stranger sent: what is not printable is replaced.
+    """
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(one_line(reason))
 
 
 class Message(Protocol):

@@ -26,6 +26,8 @@ _DRIVING_M_S = 0.01
 _ACCELERATION_FILTER_S = 0.05
 # how fast a handle that stands askew when the drives are enabled is brought in line with the chassis
 _STRAIGHTEN_M_S, _STRAIGHTEN_RAD_S = 0.03, 0.06
+# the highest that a set-point may name; a lift that reads higher is held there, which the bridge limits further
+_HIGHEST_LIFT_M = 2.0
 
 
 class HandleHold:
@@ -97,7 +99,7 @@ class HandleHold:
         reference = Pose2(grasp.handle_x_m, *self._askew) if obeyed else posture.handle
         torques = self._impedance.torques(posture, reference, self._push_n, grasp.firmness if obeyed else 0.0)
         grip = grasp.grip_torque_n_m
-        return ArmSetpoint(mission.epoch, torques, (grip, grip), grasp.lift_m)
+        return ArmSetpoint(mission.epoch, torques, (grip, grip), min(max(grasp.lift_m, 0.0), _HIGHEST_LIFT_M))
 
     def _straighten(self) -> None:
         """Bring the reference in line with the chassis without a jump, which would count as a collision."""

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import can
 
-from common.canopen.frames import ERROR_FLAG, CanFrame
+from common.canopen.frames import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame
 from sim.can.bus import SimulatedBus
 
 
@@ -102,7 +102,12 @@ class SteppedBus(can.BusABC):
         frame = self.inbox.popleft()
         if frame.can_id & ERROR_FLAG:
             return can.Message(arbitration_id=frame.can_id & ~ERROR_FLAG, data=frame.data, is_error_frame=True), True
-        return can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False), True
+        return can.Message(
+            arbitration_id=frame.can_id & ~(EXTENDED_FLAG | REMOTE_FLAG),
+            data=frame.data,
+            is_extended_id=bool(frame.can_id & EXTENDED_FLAG),
+            is_remote_frame=bool(frame.can_id & REMOTE_FLAG),
+        ), True
 
     def unplug(self) -> None:
         """The simulation has ended: sending and receiving fail from now on."""

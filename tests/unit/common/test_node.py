@@ -8,7 +8,7 @@ import pytest
 
 from common.channels import DOCK_REQUEST, DOCKING_STATE, LEADER_STATE, MISSION, Channel
 from common.config import Config
-from common.messages import DockRequest, Header, LeaderState, decode, encode
+from common.messages import DockRequest, Header, LeaderState, MessageError, decode, encode
 from common.node import REQUEST_BACKLOG, Inbox, Outbox, Received
 from common.timing import NS_PER_MS, NS_PER_S
 
@@ -109,7 +109,7 @@ def test_a_message_from_the_future_is_not_fresh(inbox: Inbox, ahead_ms: int, fre
 
 
 def test_what_is_logged_of_bad_bytes_is_one_short_printable_line(inbox: Inbox) -> None:
-    inbox.refuse("schema 'x\n2026-01-01 follower-supervisor INFO all is well" + "x" * 10_000)
+    inbox.refuse(MessageError("schema 'x\n2026-01-01 follower-supervisor INFO all is well" + "x" * 10_000))
     (line,) = inbox.faults
     assert line.isprintable()
     assert len(line) <= 200

@@ -48,6 +48,15 @@ def test_grippers_report_what_they_hold(config: Config) -> None:
         assert (state.gripped, state.released) == expected
 
 
+@pytest.mark.parametrize("lift_m", [-1e9, 2.5, 163.0, 1e9])
+def test_a_lift_and_joints_that_read_anything_still_give_a_setpoint(config: Config, lift_m: float) -> None:
+    hold, mission = HandleHold(config.arms, config.base), resting_mission(config)
+    for state in ("disarmed", "armed"):
+        drives = measured(config, 10, state=state, lift_m=lift_m, joint_angle_rad=(1e11,) * 6)
+        hold.feel(drives, mission)
+        assert 0.0 <= hold.hold(drives, mission).lift_m <= 2.0
+
+
 def test_nothing_jumps_when_the_drives_begin_to_obey(config: Config) -> None:
     hold, mission = HandleHold(config.arms, config.base), resting_mission(config)
     joint_angle_rad = holding_angles(config, config.arms.handle_x_m - 0.04)

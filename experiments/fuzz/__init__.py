@@ -1,0 +1,1 @@
+"""Malformed input against everything that reads: messages, files, overrides, CAN frames."""
