@@ -1,5 +1,7 @@
 """``davpc experiment fuzz``: malformed messages, files, overrides and CAN frames; none may raise, move or leak.
 
+The nodes that decide and compute also get anything that their messages' types allow.
+
 Structure-aware: each input begins as a valid one. A finding is an exception that no caller expects, a refusal of
 several lines, a set-point beyond a limit, a robot that moves while disarmed, a lock that opens unasked, or memory
 that grows by more than 5 MB; its input is kept in ``findings/``. The same seed makes the same inputs at any number of

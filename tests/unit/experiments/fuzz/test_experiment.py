@@ -32,12 +32,12 @@ def config() -> Config:
 
 
 def test_a_small_run_finds_nothing_and_the_same_seed_sends_the_same(tmp_path: Path, config: Config) -> None:
-    plan = FuzzPlan(messages=8_000, frames=2_000, files=60, stride=37)
+    plan = FuzzPlan(messages=4_000, frames=1_500, files=60, stride=53)
     results = run(tmp_path, 1, 1, config, plan, STATION_KINDS)
     assert results["settings"]["missed"] == []
     assert json.loads((tmp_path / "results.json").read_text()) == results
     rows = {(row["method"], row["case"]): row for row in results["rows"]}
-    assert rows["messages", "mutated"]["n"] == 8_000
+    assert rows["messages", "mutated"]["n"] == 4_000
     assert rows["attempts", "truncated"]["n"] > 100
     assert all(row["metrics"]["taken"] > 0 for (_, case), row in rows.items() if case == "mutated")
     again = experiment.run(tmp_path, 1, 1, config, replace(plan, frames=0, files=0))
