@@ -23,6 +23,7 @@ from common.config import load_config
 from common.errors import DeviceError
 from common.executor import earlier_processes
 from common.messages import Drives, decode
+from common.timing import NS_PER_S
 from experiments.stop_times.feeder import SPEED_M_S, Feeder
 from experiments.stop_times.process import Starter, wait_for
 from experiments.stop_times.watch import Canary, StopWatch
@@ -48,6 +49,7 @@ class StopBench:
         self._logs = logs
         self._starter = Starter(config_path, self._overrides, runtime, logs)
         self._robot = FollowerBus.build(self.config.follower_can, config_path)
+        self._angles_rad, self._turned_ns = [0.0, 0.0], time.monotonic_ns()
         watch = StopWatch(self._robot)
         self.watch = watch.notes
         buses = {self.config.follower_can.bus.channel: watch}
@@ -122,9 +124,11 @@ class StopBench:
 
     def _turn_wheels(self, now_ns: int) -> None:
         """Wheels lifted: they follow their set-points."""
-        for wheel in (self._robot.left_wheel, self._robot.right_wheel):
+        passed_s, self._turned_ns = (now_ns - self._turned_ns) / NS_PER_S, now_ns
+        for i, wheel in enumerate((self._robot.left_wheel, self._robot.right_wheel)):
             wheel.advance(now_ns)
-            wheel.set_measured(0.0, wheel.velocity_setpoint_rad_s, 0.0)
+            self._angles_rad[i] += wheel.velocity_setpoint_rad_s * passed_s
+            wheel.set_measured(self._angles_rad[i], wheel.velocity_setpoint_rad_s, 0.0)
 
     @staticmethod
     def _real_time() -> None:
