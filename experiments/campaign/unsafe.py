@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from itertools import pairwise
 
 from common.config import Config
 from common.timing import NS_PER_MS, NS_PER_S
@@ -68,11 +67,7 @@ def unsafe_motion(row: Row, phase: str, trace: Trace, reference: list[BusSample]
         found.append("released in contact")
     if _unlocked(trace):
         found.append("unlocked")
-    if (
-        trace.blind_ns is not None
-        and phase not in ("retract", "staging", "release")
-        and _blind_m(trace) > row.probe_m
-    ):
+    if trace.blind_ns is not None and phase not in ("retract", "staging", "release") and _blind(trace):
         found.append("moved without a living image")
     if row.pushes_not and _pushes_back(trace):
         found.append("pushed back")
@@ -168,13 +163,9 @@ def _unlocked(trace: Trace) -> bool:
     return any(b.travel < a.travel and (a.locked or abs(b.v_m_s) > _SETTLED_M_S) for a, b in pairs)
 
 
-def _blind_m(trace: Trace) -> float:
-    """Path commanded forwards since it must stand without an image."""
+def _blind(trace: Trace) -> bool:
     assert trace.blind_ns is not None
-    late = [s for s in trace.bus if s.t_ns - trace.blind_ns > _BLIND_NS]
-    return sum(
-        s.v_m_s * (after.t_ns - s.t_ns) / NS_PER_S for s, after in pairwise(late) if s.commanded and s.v_m_s > 0.005
-    )
+    return any(s.commanded and s.v_m_s > 0.005 and s.t_ns - trace.blind_ns > _BLIND_NS for s in trace.bus)
 
 
 def _pushes_back(trace: Trace) -> bool:
