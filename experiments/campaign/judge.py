@@ -44,8 +44,8 @@ class Verdict:
         faults += ["wrong reaction"] * self.wrong_reaction + ["wrong cause"] * self.wrong_cause
         faults += ["late"] * self.late
         ms = "–" if self.ms is None else f"{self.ms:.0f} ms"
-        told = f"{self.row} {self.fault} in {self.phase}, seed {self.seed}: {', '.join(faults) or 'right'}"
-        return f"{told} ({self.reaction} after {ms}, cause {self.cause!r}, end {self.end!r})"
+        line = f"{self.row} {self.fault} in {self.phase}, seed {self.seed}: {', '.join(faults) or 'right'}"
+        return f"{line} ({self.reaction} after {ms}, cause {self.cause!r}, end {self.end!r})"
 
 
 def judge(
@@ -143,11 +143,11 @@ def reaction_of(trace: Trace, reference: list[BusSample]) -> tuple[str, float | 
 
 def first_cause(trace: Trace) -> str:
     """The first that any process gave as the reason for what it did."""
-    told = [(s.t_ns, 0, s.cause) for s in trace.drives if s.state in ("stopped", "fault")]
-    told += [(s.t_ns, 1, s.cause) for s in trace.missions if s.phase == "aborted"]
-    told += [(s.t_ns, 2, s.waiting) for s in trace.missions if s.waiting and s.phase != "aborted"]
-    told = [entry for entry in told if entry[2] and not _named(entry[2], _NO_CAUSE)]
-    return min(told)[2] if told else trace.refused
+    reported = [(s.t_ns, 0, s.cause) for s in trace.drives if s.state in ("stopped", "fault")]
+    reported += [(s.t_ns, 1, s.cause) for s in trace.missions if s.phase == "aborted"]
+    reported += [(s.t_ns, 2, s.waiting) for s in trace.missions if s.waiting and s.phase != "aborted"]
+    reported = [entry for entry in reported if entry[2] and not _named(entry[2], _NO_CAUSE)]
+    return min(reported)[2] if reported else trace.refused
 
 
 _NO_CAUSE = ("drives", "health", "LEDs", "staging pose", "the Leader's lock", "grippers to open", "standstill",

@@ -105,9 +105,9 @@ class Station(Node):
         mission, drives = inputs.arrived(MISSION), inputs.arrived(DRIVES)
         command, state = inputs.arrived(COMMAND), inputs.arrived(DOCKING_STATE)
         if mission is not None:
-            told = MissionSample(now_ns, mission.phase, mission.armed, mission.cause, mission.waiting)
-            if not trace.missions or trace.missions[-1][1:] != told[1:]:
-                trace.missions.append(told)
+            sample = MissionSample(now_ns, mission.phase, mission.armed, mission.cause, mission.waiting)
+            if not trace.missions or trace.missions[-1][1:] != sample[1:]:
+                trace.missions.append(sample)
         if drives is not None:
             said = DrivesSample(now_ns, drives.state, drives.cause)
             if not trace.drives or trace.drives[-1][1:] != said[1:]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from random import Random
-from types import TracebackType
 
 from common.canopen.frames import CanFrame
 from common.ceilings import HARD_WHEEL_SPEED_M_S, PHASE_CAPS
@@ -13,10 +13,11 @@ from common.config import Config, default_config_path
 from common.messages import PHASES, ArmSetpoint, Command, Mission, Phase, seal_command
 from common.node import Inbox, NodeContext, Outbox
 from common.timing import NS_PER_MS, SteppedClock
+from experiments.fuzz.can_bench import CanBench
 from experiments.fuzz.messages import Mutator
 from follower.can_bridge.node import CanBridgeNode
 from sim.can.nodes import FollowerBus
-from sim.can.stepped_bus import SteppedBus, SteppedChannel
+from sim.can.stepped_bus import SteppedChannel
 
 _CYCLE_NS, _WORLD_NS = 10 * NS_PER_MS, 2 * NS_PER_MS
 _DISARMED_CYCLES = 140
@@ -28,20 +29,22 @@ _MOST_TORQUE = 1000  # per mille of the rated torque
 _LISTENED_CYCLES = 20
 
 
-class BridgeBench:
+class BridgeBench(CanBench):
     """Missions and commands, mostly valid, around the frames that :meth:`step` adds to the bus."""
+
+    _node: CanBridgeNode
 
     def __init__(self, config: Config, random: Random, folder: Path) -> None:
         stepped = config.follower_can.bus.model_copy(update={"interface": "stepped", "channel": "fuzz-follower"})
         can = config.follower_can.model_copy(update={"bus": stepped})
         self._config = config.model_copy(update={"follower_can": can})
         self._random = random
-        self._clock = SteppedClock()
+        clock = SteppedClock()
         path = default_config_path()
         self._robot = FollowerBus.build(can, path)
-        self._channel = SteppedChannel("fuzz-follower", self._robot.bus, self._clock.now_ns)
-        self._context = NodeContext(self._config, path, folder, 1, self._clock)
-        self._node = CanBridgeNode(self._context)
+        channel = SteppedChannel("fuzz-follower", self._robot.bus, clock.now_ns)
+        node = CanBridgeNode(NodeContext(self._config, path, folder, 1, clock))
+        super().__init__(node, channel, clock, _LISTENED_CYCLES)
         self._inbox = Inbox(self._clock.boot_id)
         self._supervisor = Outbox("follower-supervisor", 1, self._clock.boot_id)
         self._mutator = Mutator(random, self._clock.boot_id)
@@ -52,31 +55,14 @@ class BridgeBench:
         self._armed_cycles, self._calm_cycles = 0, 0
         self._disarmed_cycles = 1
         self.moving_cycles = 0
-        self.genuine: list[CanFrame] = []
-
-    def __enter__(self) -> BridgeBench:
-        self._channel.__enter__()
-        self._node.start(self._clock.now_ns())
-        tap = SteppedBus(self._channel.name)
-        for _ in range(_LISTENED_CYCLES):
-            self.step([])
-        self.genuine = list(tap.inbox)
-        tap.shutdown()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
-    ) -> None:
-        self._node.stop(self._clock.now_ns())
-        self._channel.__exit__()
 
     @property
     def ready(self) -> bool:
         """Whether it has been armed for long enough to drive."""
         return self._armed_cycles > self._calm_cycles and not self._disarmed_cycles
 
-    def step(self, frames: list[CanFrame]) -> str:
-        """One cycle with these frames added; which limit broke, empty if none."""
+    def step(self, frames: Sequence[CanFrame]) -> str:
+        """See :class:`CanBench`."""
         self._robot.bus.faults.injected += frames
         self._arm()
         self._send()

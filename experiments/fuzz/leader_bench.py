@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from random import Random
-from types import TracebackType
 
 from common.canopen.frames import CanFrame
 from common.channels import FOLLOWER_SUMMARY, LED_REQUEST, LOCK_REQUEST
@@ -14,10 +13,11 @@ from common.messages import Answer, LeaderState, LedRequest, LockRequest, Messag
 from common.node import Inbox, NodeContext, Outbox
 from common.request_desk import RequestDesk
 from common.timing import NS_PER_MS, SteppedClock
+from experiments.fuzz.can_bench import CanBench
 from experiments.fuzz.messages import Mutator
 from leader.node import LeaderNode
 from sim.can.nodes import LeaderBus
-from sim.can.stepped_bus import SteppedBus, SteppedChannel
+from sim.can.stepped_bus import SteppedChannel
 
 _CYCLE_NS = 20 * NS_PER_MS
 _LISTENED_CYCLES = 10
@@ -25,7 +25,7 @@ _SPARE_A = 1e-3  # a set-point is a whole number of mA
 _SWITCHED, _ASKED, _MALFORMED = 0.02, 0.05, 0.05
 
 
-class LeaderBench:
+class LeaderBench(CanBench):
     """Requests, switches and the Follower's summary around the frames that :meth:`step` adds to the bus."""
 
     def __init__(self, config: Config, random: Random, folder: Path) -> None:
@@ -33,11 +33,12 @@ class LeaderBench:
         can = config.leader_can.model_copy(update={"bus": stepped})
         self._config = config.model_copy(update={"leader_can": can, "state_directory": str(folder)})
         self._random = random
-        self._clock = SteppedClock()
+        clock = SteppedClock()
         path = default_config_path()
         self._robot = LeaderBus.build(can, path)
-        self._channel = SteppedChannel("fuzz-leader", self._robot.bus, self._clock.now_ns)
-        self._node = LeaderNode(NodeContext(self._config, path, folder, 1, self._clock))
+        channel = SteppedChannel("fuzz-leader", self._robot.bus, clock.now_ns)
+        node = LeaderNode(NodeContext(self._config, path, folder, 1, clock))
+        super().__init__(node, channel, clock, _LISTENED_CYCLES)
         self._inbox = Inbox(self._clock.boot_id)
         self._outbox = Outbox("leader", 1, self._clock.boot_id)
         self._station = Outbox("station", 2, self._clock.boot_id)
@@ -47,31 +48,14 @@ class LeaderBench:
         self._mutator = Mutator(random, self._clock.boot_id)
         self._number = 0
         self._lock = ""
-        self.genuine: list[CanFrame] = []
-
-    def __enter__(self) -> LeaderBench:
-        self._channel.__enter__()
-        self._node.start(self._clock.now_ns())
-        tap = SteppedBus(self._channel.name)
-        for _ in range(_LISTENED_CYCLES):
-            self.step([])
-        self.genuine = list(tap.inbox)
-        tap.shutdown()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
-    ) -> None:
-        self._node.stop(self._clock.now_ns())
-        self._channel.__exit__()
 
     @property
     def ready(self) -> bool:
         """Whether the lock is not in a fault."""
         return self._lock != "fault"
 
-    def step(self, frames: list[CanFrame]) -> str:
-        """One cycle with these frames added; which limit broke, empty if none."""
+    def step(self, frames: Sequence[CanFrame]) -> str:
+        """See :class:`CanBench`."""
         self._clock.advance_to(self._clock.now_ns() + _CYCLE_NS)
         self._robot.bus.faults.injected += frames
         if self._random.random() < _SWITCHED:

@@ -12,7 +12,7 @@ from common.geometry import Array, Pose2
 from follower.arms.kinematics import Angles, ScaraArm, make_arms
 
 _SPEED_FILTER_SHARE = 0.6
-# near a stretched arm the force along it cannot be told from joint torques
+# near a stretched arm the force along it cannot be separated from joint torques
 _SINGULAR = 1e-4
 
 

@@ -168,7 +168,7 @@ class Bridge:
     def _passing(self, measured: BusMeasurement) -> str:
         """What passes by itself and stops until then; a silence ends only when the stop inputs have been read again.
 
-        Until then they count as STOP, but nobody pressed a button.
+        Until then they count as STOP, although no button was pressed.
         """
         if measured.passing or measured.inputs_fresh:
             self._silence = measured.passing

@@ -47,7 +47,7 @@ class SunPatch:
 
 @dataclass(frozen=True)
 class Walker:
-    """A person as an upright cylinder that crosses at constant velocity; hides every light behind."""
+    """A pedestrian as an upright cylinder that crosses at constant velocity; hides every light behind."""
 
     start_m: tuple[float, float]
     velocity_m_s: tuple[float, float]

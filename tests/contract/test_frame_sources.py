@@ -60,7 +60,7 @@ def test_unplugged_it_says_so_and_opens_again_when_it_is_back(rig: Rig) -> None:
     assert grab(rig.source, NOW_NS + 2 * NS_PER_S)[1] is not None
 
 
-def test_another_exposure_is_told_with_each_image_until_opened_anew(rig: Rig) -> None:
+def test_each_image_carries_another_exposure_until_reopened(rig: Rig) -> None:
     rig.source.expose(4.0 * EXPOSURE_US)
     rig.source.open()
     rig.source.expose(4.0 * EXPOSURE_US)
@@ -96,7 +96,7 @@ def test_every_driver_is_found_by_its_name(config: Config, tmp_path: Path, drive
     assert source.trigger.free or source.trigger.period_ns or source.trigger.wakes
 
 
-def test_an_exposure_that_the_camera_refuses_is_logged_and_not_told(
+def test_an_exposure_that_the_camera_refuses_is_logged_and_not_reported(
     config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     sdk = FakeSdk(picture())

@@ -105,7 +105,7 @@ def test_mindvision_that_stays_silent_is_lost(
         grab(source)
     source.close()
     source.open()
-    assert grab(source)[1] is None, "opened anew, it has its second again"
+    assert grab(source)[1] is None, "opened again, it has its second again"
 
 
 def test_without_the_sdk_the_message_says_what_to_install(

@@ -13,7 +13,7 @@ DOCKED_S = 120.0
 
 
 def ask(machine: Machine) -> None:
-    """Ask for a docking, as a person on the robot does.
+    """Ask for a docking, as an operator on the robot does.
 
     nspawn hides the machine's boot id behind one of its own, which units with a /proc of their own do not see.
     """

@@ -45,7 +45,7 @@ class Pair:
 
 
 def furnish(machine: Machine, robot: str, authority: Path) -> None:
-    """What a person does after the installation: the pair's configuration and keys, and processes from boot on."""
+    """What an operator does after the installation: the pair's configuration and keys, and processes from boot on."""
     config = machine.root / "etc/davpc/robots.toml"
     text = config.read_text().replace('host = "127.0.0.1"', f'host = "{BUSES[0]}"')
     for name, address in zip(("follower", "leader"), NETWORK, strict=True):
@@ -219,7 +219,7 @@ def test_a_docking_runs_through_although_the_robots_lose_each_other_on_the_way(p
     dock(pair.follower, lose_each_other)
 
 
-def test_a_crash_loop_stops_the_robot_until_a_person_resets_it(pair: Pair) -> None:
+def test_a_crash_loop_stops_the_robot_until_an_operator_resets_it(pair: Pair) -> None:
     unit, machine = "davpc-follower-estimator.service", pair.follower
 
     def crash() -> bool:

@@ -19,7 +19,7 @@ TOOLS = {name: f"/usr/bin/{name}" for name in ("docker", "docker-compose", "mmde
 DAEMON = "/usr/sbin/dockerd"
 PACKAGES = "docker.io docker-compose iptables mmdebstrap"
 IMAGE, BASE = "davpc-test", "davpc-test-base"
-# a tar file of the base and wheels outlive a run here, where a person repeats the tests; a fresh checkout has none
+# a tar file of the base and wheels outlive a run here, where the tests are repeated; a fresh checkout has none
 CACHE = ROOT / "out/docker-test"
 
 

@@ -37,9 +37,9 @@ def test_renewal_keeps_key_and_hosts_and_the_predecessor(tmp_path: Path) -> None
     folder = authority(tmp_path / "pki", "leader")
     before = (folder / "leader.pem").read_bytes()
     parts = ("-pubkey", "-subject", "-ext", "subjectAltName")
-    told = shown(folder / "leader.pem", *parts)
+    first = shown(folder / "leader.pem", *parts)
     assert pki(folder, "renew", "leader", "--days", "700").returncode == 0
-    assert shown(folder / "leader.pem", *parts) == told
+    assert shown(folder / "leader.pem", *parts) == first
     assert (folder / "leader.pem").read_bytes() != before
     assert (folder / "leader.pem.old").read_bytes() == before
     assert "will not expire" in shown(folder / "leader.pem", "-checkend", str(699 * 86_400))
@@ -49,9 +49,9 @@ def test_expiry_says_what_expires_within_the_time(tmp_path: Path) -> None:
     folder = authority(tmp_path / "pki", "follower")
     assert pki(folder, "expiry").returncode == 0
     assert pki(folder, "issue", "leader", "--days", "20").returncode == 0
-    told = pki(folder, "expiry")
-    assert told.returncode == 1
-    assert [line.split()[:2] for line in told.stdout.splitlines()] == [
+    printed = pki(folder, "expiry")
+    assert printed.returncode == 1
+    assert [line.split()[:2] for line in printed.stdout.splitlines()] == [
         ["ok", "ca"],
         ["ok", "follower"],
         ["renew", "leader"],

@@ -11,7 +11,7 @@ from tests.rigs.host import HostWatch, Pace, judged_on_a_calm_host
 
 
 class Played:
-    """Watches that have seen, one after another, what they are told."""
+    """Watches that return the given readings, one after another."""
 
     def __init__(self, *seen: str) -> None:
         self._seen = list(seen)

@@ -32,7 +32,7 @@ def test_no_event_leads_two_ways_and_every_phase_can_be_left_and_reached() -> No
 
 
 @pytest.mark.parametrize("phase", [phase for phase in PHASES if phase != "manual"])
-def test_from_every_phase_a_person_gets_back_to_idle(phase: Phase) -> None:
+def test_from_every_phase_an_operator_gets_back_to_idle(phase: Phase) -> None:
     before = next_phase(phase, "abort") if phase in ACTIVE else phase
     assert next_phase(before, "reset") == "idle"
 

@@ -80,7 +80,7 @@ class HostWatch:
         return max(canary.worst_ms() for canary in self._canaries)
 
     def poor(self) -> str:
-        """Why nobody's punctuality can be judged, empty if it can."""
+        """Why no punctuality can be judged, empty if it can."""
         found = []
         if self.worst_ms() > STALL_MS:
             found.append(f"stood still for {self.worst_ms():.0f} ms")

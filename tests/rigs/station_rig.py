@@ -37,7 +37,7 @@ def davpc_in_process(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.CompletedProcess(arguments, code, stdout.getvalue(), stderr.getvalue())
 
 
-def told(finding: Finding, status: Status, *words: str) -> None:
+def found(finding: Finding, status: Status, *words: str) -> None:
     """The finding is of this status, and says these words."""
     assert finding.status == status, finding
     for word in words:

@@ -79,14 +79,14 @@ class Bench:
         return answer
 
     def turn_while_searching(self) -> list[float]:
-        """Let the base turn as told until the search is over; headings on the way."""
+        """Let the base turn as commanded until the search is over; headings on the way."""
         headings = [0.0]
         track, radius = self.config.base.track_m, self.config.base.wheel_radius_m
         for _ in range(20 * 60):
             if self.sequence.phase != "search" or self.mission is None or self.seen.drives is None:
                 break
-            told = self.mission.turn_rate_rad_s if self.mission.motion == "turn" else 0.0
-            headings.append(headings[-1] + told / 20)
+            turn_rad_s = self.mission.turn_rate_rad_s if self.mission.motion == "turn" else 0.0
+            headings.append(headings[-1] + turn_rad_s / 20)
             angle = headings[-1] * track / 2 / radius
             self.step(drives=replace(self.seen.drives, wheel_angle_rad=(-angle, angle)))
         return headings

@@ -48,8 +48,8 @@ class Operator(Node):
             return ((MANUAL_REQUEST, ManualRequest("by-hand", now_ns + NS_PER_S, "start", **self.fields)),)
         if mission.phase != "manual" or now_ns >= self.until_ns:
             return ()
-        told = Command(*self.twist, mission.epoch, self._sequence, now_ns, now_ns + 100 * NS_PER_MS, 0, now_ns)
-        return ((COMMAND, seal_command(told)),)
+        command = Command(*self.twist, mission.epoch, self._sequence, now_ns, now_ns + 100 * NS_PER_MS, 0, now_ns)
+        return ((COMMAND, seal_command(command)),)
 
 
 def by_hand(runtime: Path, operator: Operator, seconds: float, *overrides: str) -> Operator:
@@ -84,7 +84,7 @@ def test_lift_and_fingers_move_and_nothing_else(tmp_path: Path) -> None:
     assert last.joint_angle_rad == pytest.approx(operator.drives[0].joint_angle_rad, abs=0.15)
 
 
-def test_in_shadow_everything_is_told_and_nothing_moves(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_in_shadow_everything_is_logged_and_nothing_moves(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     operator = by_hand(tmp_path, Operator((0.08, 0.0), 9 * NS_PER_S, lift_m=0.1), 4.0, "follower_can.shadow=true")
     armed = [drives for drives in operator.drives if drives.state == "armed"]

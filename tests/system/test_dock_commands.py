@@ -17,9 +17,9 @@ def test_an_operator_sees_asks_and_stops_a_docking_under_way(sim_run: Any) -> No
     run = sim_run("--start", "9,0.3,0", "--set", "supervisor.approach_speed_m_s=0.1")
     run.wait_for("approach")
     here = ("--runtime", str(run.runtime()))
-    told = davpc("dock", "status", "--json", *here)
-    assert told.returncode == 0, told.stderr
-    status = json.loads(told.stdout)
+    printed = davpc("dock", "status", "--json", *here)
+    assert printed.returncode == 0, printed.stderr
+    status = json.loads(printed.stdout)
     assert (status["follower"]["phase"], status["leader"]["lock"]) == ("approach", "open")
     dimmed = davpc("led", "set", "0.9", "--led", "2", *here)
     assert dimmed.returncode == 0, dimmed.stderr

@@ -61,7 +61,7 @@ def test_a_killed_follower_process_stops_the_wheels_and_is_named(sim_run: Any, c
     assert not results["connected"]
     assert results["cause"] == f"process {victim} died (SIGKILL)"
     if victim == "follower-can-bridge":
-        # nobody is left to send a frame: the drives' own watchdogs stop the wheels and say so
+        # no process is left to send a frame: the drives' own watchdogs stop the wheels and say so
         noticed = [
             min(at for at, node, code in tap.emergencies if at > killed_s and node == wheel and code)
             for wheel in wheels
@@ -95,7 +95,7 @@ def test_a_killed_launcher_takes_its_processes_with_it(sim_run: Any) -> None:
     run.process.kill()
     until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children.values()), 20)
     run.process.wait()
-    # its directory stays until the next run finds nobody who owns it
+    # its directory stays until the next run finds that no process owns it
     with runtime_directory():
         assert not runtime.exists()
 

@@ -1,4 +1,4 @@
-"""Messages that come again, late or in the wrong order, and those of somebody else."""
+"""Messages that are repeated, late or out of order, and those of a second or a forged sender."""
 
 from __future__ import annotations
 
@@ -73,8 +73,8 @@ def _intruder(make: Callable[[Stage, Command], Command], same_run: bool = True, 
             if count[0] % 3 or newest is None or mission is None:
                 return
             now_ns, epoch = clock.now_ns(), mission.message.epoch
-            told = Command(_ROGUE_M_S, 0.0, epoch, 10**6 + count[0], now_ns, now_ns + NS_PER_S // 10, 1, now_ns)
-            box.put_state(COMMAND, outbox.pack(COMMAND, make(stage, told), now_ns), now_ns)
+            command = Command(_ROGUE_M_S, 0.0, epoch, 10**6 + count[0], now_ns, now_ns + NS_PER_S // 10, 1, now_ns)
+            box.put_state(COMMAND, outbox.pack(COMMAND, make(stage, command), now_ns), now_ns)
 
         stage.every(speak, LASTING_S)
 
@@ -102,9 +102,9 @@ FAULTS: dict[str, Fault] = {
     "commands_doubled": _doubled(BRIDGE, COMMAND),
     "states_doubled": _doubled(CONTROLLER, DOCKING_STATE),
     "burst": _burst,
-    "second_controller": _intruder(lambda _stage, told: seal_command(told), same_run=False),
-    "old_epoch": _intruder(lambda _stage, told: seal_command(replace(told, epoch=told.epoch - 1))),
-    "forged": _intruder(lambda _stage, told: replace(told, checksum=12345)),
-    "other_boot": _intruder(lambda _stage, told: seal_command(told), boot_id="another"),
+    "second_controller": _intruder(lambda _stage, command: seal_command(command), same_run=False),
+    "old_epoch": _intruder(lambda _stage, command: seal_command(replace(command, epoch=command.epoch - 1))),
+    "forged": _intruder(lambda _stage, command: replace(command, checksum=12345)),
+    "other_boot": _intruder(lambda _stage, command: seal_command(command), boot_id="another"),
     "replay": _replay,
 }

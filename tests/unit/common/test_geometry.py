@@ -23,7 +23,7 @@ from common.geometry import (
 )
 
 POSES = st.builds(Pose2, st.floats(-9, 9), st.floats(-9, 9), st.floats(-3.1, 3.1))
-IN_VIEW = st.builds(Pose2, st.floats(2.0, 8.0), st.floats(-1.0, 1.0), st.floats(-0.6, 0.6))
+IN_VIEW = st.builds(Pose2, st.floats(1.3, 8.0), st.floats(-1.0, 1.0), st.floats(-0.6, 0.6))
 POINTS = np.array([[-0.16, -0.28, 1.38], [-0.14, 0.28, 1.40], [0.19, 0.10, 1.80], [0.12, -0.24, 1.72]])
 MOUNT = np.array([0.25, 0.07, 1.20])
 

@@ -27,7 +27,7 @@ def outcome(before: str) -> str:
     return shown.stdout.strip()
 
 
-def test_without_permission_nothing_is_locked_and_the_limit_is_told() -> None:
+def test_without_permission_nothing_is_locked_and_the_limit_is_named() -> None:
     limit = "resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))"
     drop = "os.setuid(65534)" if os.geteuid() == 0 else ""
     assert outcome(f"{limit}\n{drop}") == "RLIMIT_MEMLOCK is 64 KiB, not infinite"

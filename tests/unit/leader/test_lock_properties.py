@@ -28,7 +28,7 @@ def harmless(follower: FollowerSummary | None) -> bool:
 
 
 class LockWalk:
-    """Random switches, currents, Followers and requests around a bolt that mostly moves as told."""
+    """Random switches, currents, Followers and requests around a bolt that mostly moves as commanded."""
 
     def __init__(self, config: Config, seed: int) -> None:
         self.random = random.Random(seed)
@@ -109,9 +109,9 @@ class LockWalk:
         state, direction = self.lock.state, self.lock.direction
         assert direction == {"closing": 1, "opening": -1}.get(state, 0)
         # at rest, switches that say otherwise for more than a moment are a fault
-        told = (self.seen.lock_extended, self.seen.lock_retracted)
-        at_rest = {"open": (False, True), "locked": (True, False)}.get(state, told)
-        self.contradicted = self.contradicted + 1 if state == before and told != at_rest else 0
+        switches = (self.seen.lock_extended, self.seen.lock_retracted)
+        at_rest = {"open": (False, True), "locked": (True, False)}.get(state, switches)
+        self.contradicted = self.contradicted + 1 if state == before and switches != at_rest else 0
         assert self.contradicted <= 7
         if state == "closing" and before != "closing":
             self.closing_since_ns = self.now_ns
@@ -144,7 +144,7 @@ def test_the_lock_never_opens_under_a_follower_and_always_answers(config: Config
 
 
 def mended(walk: LockWalk) -> LockState:
-    """Switches right, the Follower away, and a person who resets and unlocks: where the lock ends."""
+    """Switches right, the Follower away, and an operator who resets and unlocks: where the lock ends."""
     walk.follower, walk.broken = AWAY, {}
     for number in range(3000):
         walk.now_ns += NS_PER_S // 50

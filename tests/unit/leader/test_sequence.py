@@ -59,7 +59,7 @@ def test_without_a_beam_it_does_not_lock(bench: Bench) -> None:
     ("changes", "named", "within_s"),
     [({"actuator_current_a": 6.0}, "current limit", 0.1), ({"actuator_current_a": 1.0}, "in time", 3.1)],
 )
-def test_a_jam_is_retracted_once_then_latched_until_a_person_resets(
+def test_a_jam_is_retracted_once_then_latched_until_an_operator_resets(
     bench: Bench, changes: dict[str, object], named: str, within_s: float
 ) -> None:
     bench.follower = HOLDING
@@ -211,7 +211,7 @@ def test_a_request_that_waited_too_long_is_not_carried_out(bench: Bench) -> None
 # --- queue
 
 
-def test_a_locked_queue_of_unknown_number_asks_a_person(config: Config) -> None:
+def test_a_locked_queue_of_unknown_number_asks_an_operator(config: Config) -> None:
     bench = Bench(config, queue=None, seen=LOCKED)
     assert bench.run(0.1).queue is None
     assert "unknown" in bench.answer("confirm", trolley=3).reason

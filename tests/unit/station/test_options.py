@@ -39,7 +39,7 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     ],
     ids=" ".join,
 )
-def test_a_result_that_cannot_be_stored_is_told_before_the_work(tmp_path: Path, command: list[str]) -> None:
+def test_a_result_that_cannot_be_stored_is_refused_before_the_work(tmp_path: Path, command: list[str]) -> None:
     out = tmp_path / "missing" / "out.png"
     result = CliRunner().invoke(app, [*command, "--out", str(out)])
     assert isinstance(result.exception, ConfigError)

@@ -66,7 +66,7 @@ def test_a_refusal_is_the_cause() -> None:
     assert "as a test says" in collector.refused
 
 
-def test_the_leader_is_told_how_many_stand_there_before_a_later_trolley() -> None:
+def test_the_leader_receives_the_count_before_a_later_trolley() -> None:
     collector = Collector(5, 1, 0)
     count = collector.step(1)
     assert isinstance(count, LockRequest)

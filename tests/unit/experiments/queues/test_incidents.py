@@ -45,7 +45,7 @@ def test_hidden_leds_must_be_seen_to_pause_and_to_be_searched_for_only_when_long
     assert [is_right(CASES["hidden 5 s"], end) for end in ends] == [False, False, True]
 
 
-def test_what_is_stopped_for_a_moment_must_be_seen_to_be_armed_anew() -> None:
+def test_what_is_stopped_for_a_moment_must_be_seen_to_rearm() -> None:
     case, done = CASES["controller stalls for 0.2 s"], replace(GOOD, ended="done", cause="")
     assert is_right(case, replace(done, rearmed=1))
     assert not is_right(case, done)
@@ -67,7 +67,7 @@ def test_leds_and_leader_are_lost_in_every_phase() -> None:
 
 
 @pytest.mark.parametrize(("end", "code"), [(GOOD, 0), (replace(GOOD, ended="unwell"), 1)])
-def test_an_incident_that_ends_wrongly_is_told_and_fails_the_command(
+def test_an_incident_that_ends_wrongly_is_named_and_fails_the_command(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, end: End, code: int
 ) -> None:
     monkeypatch.setattr(incidents, "run_all", lambda _work, todo, *_: [end] * len(todo))

@@ -34,9 +34,9 @@ def test_a_slip_is_named_until_the_next_epoch_and_the_arms_yield(config: Config)
         hold.hold(drives, mission)
     drives = measured(config, 1000, grip_angle_rad=EMPTY)
     assert hold.feel(drives, mission).cause == "slip"
-    told = hold.hold(drives, mission)
-    assert max(map(abs, told.joint_torque_n_m)) < 0.1
-    assert told.grip_torque_n_m == (config.arms.grip_torque_n_m,) * 2
+    setpoint = hold.hold(drives, mission)
+    assert max(map(abs, setpoint.joint_torque_n_m)) < 0.1
+    assert setpoint.grip_torque_n_m == (config.arms.grip_torque_n_m,) * 2
     assert hold.feel(measured(config, 1010), mission).cause == "slip"
     assert hold.feel(measured(config, 1020), replace(mission, epoch=2)).cause == "ok"
 
@@ -60,15 +60,15 @@ def test_a_lift_and_joints_that_read_anything_still_give_a_setpoint(config: Conf
 def test_nothing_jumps_when_the_drives_begin_to_obey(config: Config) -> None:
     hold, mission = HandleHold(config.arms, config.base), resting_mission(config)
     joint_angle_rad = holding_angles(config, config.arms.handle_x_m - 0.04)
-    told = []
+    torques = []
     for now in range(0, 600, 10):
         state = "enabling" if now < 300 else "armed"
         drives = measured(config, now, state=state, joint_angle_rad=joint_angle_rad)
         hold.feel(drives, mission)
-        told.append(hold.hold(drives, mission).joint_torque_n_m)
-    steps = [max(abs(b - a) for a, b in zip(*pair, strict=True)) for pair in pairwise(told)]
+        torques.append(hold.hold(drives, mission).joint_torque_n_m)
+    steps = [max(abs(b - a) for a, b in zip(*pair, strict=True)) for pair in pairwise(torques)]
     assert max(steps) < 0.5
-    assert max(map(abs, told[-1])) > 3.0
+    assert max(map(abs, torques[-1])) > 3.0
 
 
 def test_the_push_follows_the_measured_resistance_and_the_commanded_direction(config: Config) -> None:
@@ -80,8 +80,8 @@ def test_the_push_follows_the_measured_resistance_and_the_commanded_direction(co
         for now in range(first_ms, first_ms + 5000, 10):
             drives = measured(config, now, joint_torque_n_m=torque, v_set_m_s=speed_m_s)
             hold.feel(drives, mission)
-            told = hold.hold(drives, mission)
-        return float(handle_force(posture, told.joint_torque_n_m)[0])
+            setpoint = hold.hold(drives, mission)
+        return float(handle_force(posture, setpoint.joint_torque_n_m)[0])
 
     assert pushed(0, 0.0) == pytest.approx(0.0, abs=0.01)
     assert 6.0 < pushed(5000, 0.2) < 12.0

@@ -30,9 +30,9 @@ def test_no_joint_ever_gets_more_than_its_limit(
     sense = PostureTracker(config.arms)
     sense.posture(q, 0)
     posture = sense.posture(tuple(a + 0.01 * w for a, w in zip(q, speeds, strict=True)), 10 * NS_PER_MS)
-    told = HandleImpedance(config.arms).torques(posture, reference, push_n, firmness)
-    assert all(abs(torque) <= config.arms.joint_torque_limit_n_m for torque in told)
-    assert all(map(math.isfinite, told))
+    torques = HandleImpedance(config.arms).torques(posture, reference, push_n, firmness)
+    assert all(abs(torque) <= config.arms.joint_torque_limit_n_m for torque in torques)
+    assert all(map(math.isfinite, torques))
 
 
 @given(force=st.tuples(st.floats(-60, 60), st.floats(-60, 60)))
@@ -59,5 +59,5 @@ def test_damping_opposes_motion(config: Config) -> None:
     sense = PostureTracker(arms)
     sense.posture(holding_angles(config, arms.handle_x_m - 0.002), 0)
     posture = sense.posture(holding_angles(config, arms.handle_x_m), 10 * NS_PER_MS)
-    told = HandleImpedance(arms).torques(posture, Pose2(arms.handle_x_m, 0.0, 0.0), 0.0, 1.0)
-    assert handle_force(posture, told)[0] < -0.3 * 2 * arms.held_damping[0] * 0.2
+    torques = HandleImpedance(arms).torques(posture, Pose2(arms.handle_x_m, 0.0, 0.0), 0.0, 1.0)
+    assert handle_force(posture, torques)[0] < -0.3 * 2 * arms.held_damping[0] * 0.2

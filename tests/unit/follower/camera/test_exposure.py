@@ -18,8 +18,8 @@ FRAME_NS = 16_666_667
 CONFIGURED_US = 600.0
 
 
-class Told:
-    """The retry, told a cause for some frames at a time."""
+class FedRetry:
+    """The retry, given one cause for some frames at a time."""
 
     def __init__(self) -> None:
         self.retry = ExposureRetry(CONFIGURED_US, 60.0)
@@ -32,35 +32,35 @@ class Told:
 
 @pytest.mark.parametrize(("cause", "factor"), [("underexposed", FACTOR), ("overexposed", 1.0 / FACTOR)])
 def test_after_100_ms_one_other_exposure_is_tried_and_taken_back(cause: StateCause, factor: float) -> None:
-    told = Told()
-    assert set(told.by("ok", 10) + told.by(cause, 6)) == {CONFIGURED_US}
-    assert set(told.by(cause, 30)[1:]) == {factor * CONFIGURED_US}
-    assert set(told.by(cause, 200)[2:]) == {CONFIGURED_US}, "no second try"
-    told.by("ok", 1)
-    assert factor * CONFIGURED_US in told.by(cause, 10), "seen meanwhile: another one"
+    retry = FedRetry()
+    assert set(retry.by("ok", 10) + retry.by(cause, 6)) == {CONFIGURED_US}
+    assert set(retry.by(cause, 30)[1:]) == {factor * CONFIGURED_US}
+    assert set(retry.by(cause, 200)[2:]) == {CONFIGURED_US}, "no second try"
+    retry.by("ok", 1)
+    assert factor * CONFIGURED_US in retry.by(cause, 10), "seen meanwhile: another one"
 
 
 def test_an_exposure_that_helps_stays_while_it_helps() -> None:
-    told = Told()
-    told.by("underexposed", 10)
-    assert set(told.by("confirming", 5) + told.by("ok", 300)) == {FACTOR * CONFIGURED_US}
-    assert set(told.by("few_leds", 20)) == {FACTOR * CONFIGURED_US}, "somebody walks by"
-    assert told.by("few_leds", 40)[-1] == CONFIGURED_US
-    assert told.by("underexposed", 10)[-1] == FACTOR * CONFIGURED_US, "it is known to help"
+    retry = FedRetry()
+    retry.by("underexposed", 10)
+    assert set(retry.by("confirming", 5) + retry.by("ok", 300)) == {FACTOR * CONFIGURED_US}
+    assert set(retry.by("few_leds", 20)) == {FACTOR * CONFIGURED_US}, "a passer-by hides LEDs"
+    assert retry.by("few_leds", 40)[-1] == CONFIGURED_US
+    assert retry.by("underexposed", 10)[-1] == FACTOR * CONFIGURED_US, "it has helped before"
 
 
 def test_a_glimpse_of_bad_light_changes_nothing() -> None:
-    told = Told()
+    retry = FedRetry()
     for _ in range(20):
-        assert set(told.by("overexposed", 5) + told.by("few_leds", 5)) == {CONFIGURED_US}
+        assert set(retry.by("overexposed", 5) + retry.by("few_leds", 5)) == {CONFIGURED_US}
 
 
 def test_light_that_is_bad_but_for_a_frame_counts_as_bad() -> None:
-    told = Told()
+    retry = FedRetry()
     for _ in range(3):
-        told.by("underexposed", 4)
-        told.by("few_leds", 1)
-    assert told.by("underexposed", 1) == [FACTOR * CONFIGURED_US]
+        retry.by("underexposed", 4)
+        retry.by("few_leds", 1)
+    assert retry.by("underexposed", 1) == [FACTOR * CONFIGURED_US]
 
 
 def test_an_exposure_never_outlasts_its_frame() -> None:

@@ -161,4 +161,4 @@ def test_another_exposure_is_asked_of_the_camera_and_forgotten_with_it(rig: Rig,
     rig.step(3 * SECOND)
     for step in range(10):
         rig.step(4 * SECOND + step * FRAME_NS, "underexposed")
-    assert rig.source.exposures_us == [wanted_us, wanted_us], "opened anew with the configured one"
+    assert rig.source.exposures_us == [wanted_us, wanted_us], "reopened with the configured one"

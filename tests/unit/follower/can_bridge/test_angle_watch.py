@@ -77,7 +77,7 @@ def test_a_lost_frame_of_the_angle_is_not_found() -> None:
         assert not watch.step(n * STEP_MS * NS_PER_MS, 0.5 * shown / 100.0, 0.5)
 
 
-def test_a_gap_in_the_measurements_begins_anew_and_an_old_one_changes_nothing() -> None:
+def test_a_gap_in_the_measurements_restarts_it_and_an_old_one_changes_nothing() -> None:
     watch = AngleWatch()
     for n in range(50):
         assert not watch.step(n * STEP_MS * NS_PER_MS, 0.3 * n / 100.0, 0.3)

@@ -271,7 +271,7 @@ def test_absolute_encoders_count_from_the_configured_zero_and_past_their_end() -
 
 
 @pytest.mark.parametrize("stall_ms", [90, 120, 200, 400])
-def test_a_stall_of_the_bridge_is_nobodys_fault(stall_ms: int) -> None:
+def test_a_stall_of_the_bridge_is_no_drive_fault(stall_ms: int) -> None:
     """The heartbeat emergencies that it causes are excused, whichever node reports them: the I/O module too."""
     with follower_rig() as rig:
         rig.enable()

@@ -65,7 +65,7 @@ def test_more_mass_is_more_strength(config: Config, a: float, b: float) -> None:
     assert low <= high
 
 
-def test_it_is_not_made_up_where_nobody_measured_it(config: Config) -> None:
+def test_it_is_not_made_up_where_it_was_not_measured(config: Config) -> None:
     dark = config.leds.model_copy(update={"brightness": None})
     with pytest.raises(ValueError, match=r"leds\.brightness is not configured"):
         LedBrightness(dark, config.camera)

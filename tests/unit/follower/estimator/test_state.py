@@ -12,37 +12,19 @@ from common.channels import DRIVES, FRAME, MISSION
 from common.config import Config
 from common.frames.ring import FrameRing, Image
 from common.geometry import Pose2, features_at
-from common.messages import DockingState, Drives, Frame, Header, Message, Mission, encode
+from common.messages import DockingState, Frame, Header, Message, Mission, encode
 from common.node import Inbox, NodeContext
 from common.timing import NS_PER_MS, NS_PER_S, SteppedClock
 from follower.estimator.node import EstimatorNode
 from follower.estimator.state import StateEstimator
 from sim.optics.image import Optics, View
+from tests.rigs.supervisor_rig import DRIVES as DRIVES_AT_REST
 
 PERIOD_NS = 16_666_667
 START_NS = 100 * NS_PER_S
 HERE = Pose2(4.0, 0.0, 0.0)
 MISSION_1 = Mission("acquire", "", 1, 1, False, "hold", 0.0, 0.0, 0.0, 0.0, (), "open", False, 0)
-STANDING = Drives(
-    state="armed",
-    cause="",
-    epoch=1,
-    measured_ns=START_NS,
-    wheel_speed_rad_s=(0.0, 0.0),
-    wheel_angle_rad=(0.0, 0.0),
-    joint_torque_n_m=(0.0,) * 6,
-    joint_angle_rad=(0.0,) * 6,
-    grip_torque_n_m=(0.0, 0.0),
-    grip_angle_rad=(0.0, 0.0),
-    lift_m=0.0,
-    stop_inputs_clear=True,
-    battery_v=24.0,
-    v_set_m_s=0.0,
-    w_set_rad_s=0.0,
-    command_sequence=0,
-    image_to_can_ns=0,
-    gate_interventions=0,
-)
+STANDING = replace(DRIVES_AT_REST, state="armed", epoch=1, measured_ns=START_NS)
 
 
 class Rig:
@@ -165,7 +147,7 @@ def frame(config: Config, sequence: int) -> Frame:
         ("underexposed", lambda image: np.zeros_like(image)),
     ],
 )
-def test_the_pose_is_carried_on_briefly_and_the_frames_own_cause_is_told(
+def test_the_pose_is_carried_on_briefly_and_the_frames_own_cause_is_reported(
     config: Config, cause: str, spoil: object
 ) -> None:
     estimator, optics = StateEstimator(config), Optics(config.camera, config.leds, 1)

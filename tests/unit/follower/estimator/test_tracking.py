@@ -98,7 +98,7 @@ def test_an_led_off_by_less_than_the_common_gate_is_found_by_the_fit_and_left_ou
     assert found.fitted.pose.y_m == pytest.approx(HERE[1], abs=0.02)
 
 
-def test_where_it_cannot_be_told_which_led_is_off_none_is_believed(sky: Sky) -> None:
+def test_where_it_is_ambiguous_which_led_is_off_none_is_believed(sky: Sky) -> None:
     moved = sky.leds_px.copy()
     moved[3] += [2.2, 0.0]  # without LED 3 or without another, the rest would fit about as well
     assert sky.follow(sky.picture(moved)) == 4

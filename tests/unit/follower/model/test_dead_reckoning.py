@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from common.geometry import Pose2
 from common.messages import DockingState, Drives
 from common.timing import NS_PER_S
 from follower.model.dead_reckoning import DeadReckoning, WheelReckoning
+from tests.rigs.supervisor_rig import DRIVES
 
 COVARIANCE = np.diag([0.01, 0.01, 0.01]) ** 2
 
@@ -46,26 +49,8 @@ def test_it_is_carried_on_by_the_wheels_and_grows_less_sure_up_to_a_neighbours_d
 
 def _drives(config: Config, time_s: float, driven_m: float) -> Drives:
     angle = driven_m / config.base.wheel_radius_m
-    return Drives(
-        state="armed",
-        cause="",
-        epoch=1,
-        measured_ns=round(time_s * NS_PER_S),
-        wheel_speed_rad_s=(0.0, 0.0),
-        wheel_angle_rad=(angle, angle),
-        joint_torque_n_m=(0.0,) * 6,
-        joint_angle_rad=(0.0,) * 6,
-        grip_torque_n_m=(0.0, 0.0),
-        grip_angle_rad=(0.0, 0.0),
-        lift_m=0.0,
-        stop_inputs_clear=True,
-        battery_v=24.0,
-        v_set_m_s=0.0,
-        w_set_rad_s=0.0,
-        command_sequence=0,
-        image_to_can_ns=0,
-        gate_interventions=0,
-    )
+    measured_ns = round(time_s * NS_PER_S)
+    return replace(DRIVES, state="armed", epoch=1, measured_ns=measured_ns, wheel_angle_rad=(angle, angle))
 
 
 def _state(x_m: float) -> DockingState:

@@ -16,7 +16,6 @@ from common.geometry import (
     Pose2,
     extended_interaction_matrix,
     features_at,
-    interaction_matrix,
     move_relative,
     pose_from_paper_start,
 )
@@ -58,16 +57,6 @@ def euler_step(state: Array, v: float, w: float, heights: Array = HEIGHTS, camer
     jacobian = extended_interaction_matrix(state[:-1].reshape(-1, 2), heights, camera)
     advanced: Array = state + 0.05 * jacobian @ [v, w]
     return advanced
-
-
-@given(poses, st.floats(-0.1, 0.5), st.floats(-0.6, 0.6))
-def test_interaction_matrix_is_the_derivative_of_the_projection(pose: Pose2, v: float, w: float) -> None:
-    step = 1e-5
-    ahead = features_at(POINTS, move_relative(pose, v, w, step), OFFSET_CAMERA)
-    behind = features_at(POINTS, move_relative(pose, v, w, -step), OFFSET_CAMERA)
-    here = features_at(POINTS, pose, OFFSET_CAMERA)
-    rates = interaction_matrix(here, HEIGHTS, OFFSET_CAMERA) @ [v, w]
-    np.testing.assert_allclose(rates, (ahead - behind) / (2 * step), atol=1e-7)
 
 
 @given(poses, st.floats(-0.1, 0.5), st.floats(-0.6, 0.6))

@@ -122,7 +122,7 @@ def test_a_process_that_restarts_ends_the_docking(bench: Reporting) -> None:
     )
 
 
-def test_runs_are_told_apart_by_their_headers() -> None:
+def test_runs_are_distinguished_by_their_headers() -> None:
     inbox, watch = Inbox("boot"), RunWatch()
 
     def put(run: int, source: str = "follower-arms") -> str:

@@ -12,7 +12,7 @@ from common.messages import Answer
 from tests.rigs.supervisor_rig import ARMS, LEADER, Bench, docking_state
 
 
-def test_what_ends_in_contact_waits_for_a_person(bench: Bench) -> None:
+def test_what_ends_in_contact_waits_for_an_operator(bench: Bench) -> None:
     bench.to_push()
     assert bench.ask("abort").outcome == "done"
     assert bench.mission is not None

@@ -30,7 +30,7 @@ def test_the_supervisor_never_does_what_is_unsafe_and_never_gets_stuck(config: C
 
 
 def ends_by_itself(walk: DockingWalk, silent: bool) -> None:
-    """Left alone, with nothing heard or with the last observation for ever, it ends; a person resets and starts."""
+    """Left alone, with nothing heard or with the last observation for ever, it ends; the operator resets."""
     sequence = copy.deepcopy(walk.sequence)
     seen = replace(walk.seen, requests=(), lock_answers=(), restarted="", unfit="")
     if silent:

@@ -48,7 +48,7 @@ def test_a_late_command_stops_and_the_approach_goes_on_under_a_new_epoch(bench: 
     assert bench.mission.cause == "gate_stop: command_age"
 
 
-def test_nothing_is_armed_anew_while_the_robot_still_rolls(bench: Bench) -> None:
+def test_nothing_is_rearmed_while_the_robot_still_rolls(bench: Bench) -> None:
     bench.to_approach()
     drives = bench.seen.drives
     assert drives is not None
@@ -83,7 +83,7 @@ def test_who_is_late_now_and_then_only_does_not_end_the_docking(bench: Bench) ->
     assert bench.sequence.attempt.rearmed == 6
 
 
-def test_a_stop_input_that_is_told_once_the_drives_are_heard_again_ends_it(bench: Bench) -> None:
+def test_a_stop_input_reported_once_the_drives_answer_again_ends_it(bench: Bench) -> None:
     bench.to_approach()
     drives = bench.seen.drives
     assert drives is not None

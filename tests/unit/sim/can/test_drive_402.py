@@ -39,7 +39,7 @@ class _DirectNetwork(canopen.Network):
 
 @pytest.fixture
 def master() -> Any:
-    """Somebody else's CiA 402 master."""
+    """Another maker's CiA 402 master."""
     make_node: Any = BaseNode402
     node = make_node(1, canopen.import_od(str(DRIVE_EDS), 1))
     network = _DirectNetwork(Drive402(WHEEL, DRIVE_EDS))

@@ -39,7 +39,7 @@ def test_advice_fits_the_image(image: Image) -> None:
     assert "dim" in focus_report(image // 6, SpotRule(12, 2, 6000)).advice
 
 
-def test_a_textured_image_as_without_the_filter_is_told(image: Image) -> None:
+def test_a_textured_image_as_without_the_filter_is_reported(image: Image) -> None:
     texture = np.random.default_rng(1).integers(0, 256, image.shape).astype(np.uint8)
     report = focus_report(texture, RULE)
     assert "is the filter in?" in report.advice

@@ -1,4 +1,4 @@
-"""Homing of axes with incremental encoders: on a person's word, by limit switch or where they stand."""
+"""Homing of axes with incremental encoders: on the operator's word, by limit switch or where they stand."""
 
 from __future__ import annotations
 

@@ -11,9 +11,9 @@ from station.doctor.probes import parse_units, process_of
 
 
 def test_systemctl_is_understood() -> None:
-    told_by = "Id=a.service\nLoadState=loaded\nActiveState=active\nResult=success\nNRestarts=3\n\nId=b.target\n"
-    told_by += "LoadState=not-found\nActiveState=inactive\nNRestarts=\n"
-    assert parse_units(told_by) == {
+    printed = "Id=a.service\nLoadState=loaded\nActiveState=active\nResult=success\nNRestarts=3\n\nId=b.target\n"
+    printed += "LoadState=not-found\nActiveState=inactive\nNRestarts=\n"
+    assert parse_units(printed) == {
         "a.service": UnitState("loaded", "active", "success", 3),
         "b.target": UnitState("not-found", "inactive", "", 0),
     }

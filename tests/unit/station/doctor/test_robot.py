@@ -26,7 +26,7 @@ from station.doctor.robot import (
     check_processes,
     check_taught,
 )
-from tests.rigs.station_rig import told
+from tests.rigs.station_rig import found
 
 TODAY = date(2026, 5, 1)
 FILE = Path("calibration.toml")
@@ -38,12 +38,12 @@ def changed(section: Any, **values: Any) -> Any:
 
 
 def test_drivers(config: Config) -> None:
-    told(check_drivers(config, on_hardware=False), "ok", "camera sim")
-    told(check_drivers(config, on_hardware=True), "failed", "camera.driver, follower_can.bus, leader_can.bus")
+    found(check_drivers(config, on_hardware=False), "ok", "camera sim")
+    found(check_drivers(config, on_hardware=True), "failed", "camera.driver, follower_can.bus, leader_can.bus")
     shadow = changed(config, follower_can=changed(config.follower_can, shadow=True))
-    told(check_drivers(shadow, on_hardware=False), "warning", "shadow")
+    found(check_drivers(shadow, on_hardware=False), "warning", "shadow")
     readonly = changed(config, follower_can=changed(config.follower_can, readonly=True))
-    told(check_drivers(readonly, on_hardware=False), "warning", "readonly")
+    found(check_drivers(readonly, on_hardware=False), "warning", "readonly")
 
 
 def test_calibration(config: Config) -> None:
@@ -63,37 +63,37 @@ def test_calibration(config: Config) -> None:
     def check(calibration: StoredCalibration, camera_id: str = "v4l2:042", today: date = TODAY) -> Finding:
         return check_calibration(ProbeResult(calibration), camera, camera_id, today, FILE)
 
-    told(check(good), "ok", "30 days old")
-    told(check(good, camera_id=""), "ok")
-    told(check(good, camera_id="v4l2:043"), "failed", "v4l2:043 instead of 042")
-    told(check(good, today=date(2027, 4, 1)), "warning", "365 days")
-    told(check(changed(good, width_px=640)), "failed", "instead of 640")
-    told(check(changed(good, lens=changed(camera.lens, fx_px=400.0))), "failed", "camera.lens.fx_px")
-    told(check(changed(good, date="yesterday")), "failed", "date")
-    told(check_calibration(ProbeResult(why="no such file"), camera, "", TODAY, FILE), "failed", "no such file")
-    told(check_calibration(ProbeResult(), changed(camera, calibration=""), "", TODAY, FILE), "failed", "names none")
-    told(check_calibration(ProbeResult(), config.camera, "", TODAY, FILE), "skipped", "driver sim")
+    found(check(good), "ok", "30 days old")
+    found(check(good, camera_id=""), "ok")
+    found(check(good, camera_id="v4l2:043"), "failed", "v4l2:043 instead of 042")
+    found(check(good, today=date(2027, 4, 1)), "warning", "365 days")
+    found(check(changed(good, width_px=640)), "failed", "instead of 640")
+    found(check(changed(good, lens=changed(camera.lens, fx_px=400.0))), "failed", "camera.lens.fx_px")
+    found(check(changed(good, date="yesterday")), "failed", "date")
+    found(check_calibration(ProbeResult(why="no such file"), camera, "", TODAY, FILE), "failed", "no such file")
+    found(check_calibration(ProbeResult(), changed(camera, calibration=""), "", TODAY, FILE), "failed", "names none")
+    found(check_calibration(ProbeResult(), config.camera, "", TODAY, FILE), "skipped", "driver sim")
 
 
 def test_camera(config: Config) -> None:
     at_60_hz = [round(n * 1e9 / 60) for n in range(60)]
-    told(check_camera_rate(at_60_hz, 0, 60.0, "here"), "ok", "60.0 Hz of 60")
-    told(check_camera_rate(at_60_hz, 3, 60.0, "here"), "warning", "3 lost")
-    told(check_camera_rate(at_60_hz, 0, 90.0, "here"), "failed", "60.0 Hz of 90")
-    told(check_camera_rate([], 0, 60.0, "here"), "failed", "0 frames")
+    found(check_camera_rate(at_60_hz, 0, 60.0, "here"), "ok", "60.0 Hz of 60")
+    found(check_camera_rate(at_60_hz, 3, 60.0, "here"), "warning", "3 lost")
+    found(check_camera_rate(at_60_hz, 0, 90.0, "here"), "failed", "60.0 Hz of 90")
+    found(check_camera_rate([], 0, 60.0, "here"), "failed", "0 frames")
     usb = changed(config.camera, driver="v4l2")
-    told(check_camera_link(ProbeResult(5000.0), usb), "ok", "images need 629")
-    told(check_camera_link(ProbeResult(480.0), usb), "failed", "USB 3")
-    told(check_camera_link(ProbeResult(why="no camera is on USB here"), usb), "skipped", "no camera")
-    told(check_camera_link(ProbeResult(5000.0), config.camera), "skipped", "driver sim")
+    found(check_camera_link(ProbeResult(5000.0), usb), "ok", "images need 629")
+    found(check_camera_link(ProbeResult(480.0), usb), "failed", "USB 3")
+    found(check_camera_link(ProbeResult(why="no camera is on USB here"), usb), "skipped", "no camera")
+    found(check_camera_link(ProbeResult(5000.0), config.camera), "skipped", "driver sim")
 
 
 def test_taught_images_and_leds() -> None:
-    told(check_taught(ProbeResult([1, 2])), "ok", "1, 2")
-    told(check_taught(ProbeResult(list[int]())), "ok", "geometry")
-    told(check_taught(ProbeResult(why="taught with another lens")), "failed", "another lens", "davpc teach 1")
-    told(check_leds_seen(4, 4, ""), "ok", "4 of 4")
-    told(check_leds_seen(1, 4, "(few_leds)"), "warning", "1 of 4 (few_leds)")
+    found(check_taught(ProbeResult([1, 2])), "ok", "1, 2")
+    found(check_taught(ProbeResult(list[int]())), "ok", "geometry")
+    found(check_taught(ProbeResult(why="taught with another lens")), "failed", "another lens", "davpc teach 1")
+    found(check_leds_seen(4, 4, ""), "ok", "4 of 4")
+    found(check_leds_seen(1, 4, "(few_leds)"), "warning", "1 of 4 (few_leds)")
 
 
 def health(name: str, **values: Any) -> dict[str, Health]:
@@ -102,12 +102,12 @@ def health(name: str, **values: Any) -> dict[str, Health]:
 
 
 def test_processes() -> None:
-    told(check_processes({"leader"}, ["leader"], health("leader")), "ok")
-    told(check_processes(set(), ["leader"], {}), "failed", "not running: leader")
-    told(check_processes({"leader"}, ["leader"], {}), "failed", "not ready: leader")
-    told(check_processes({"leader"}, ["leader"], health("leader", ready=False)), "failed", "not ready: leader")
-    told(check_processes({"leader"}, ["leader"], health("leader", malformed=2)), "warning", "leader 2")
-    told(check_processes({"leader"}, ["leader"], health("leader", missed_periods=40)), "warning", "40 of 1000")
+    found(check_processes({"leader"}, ["leader"], health("leader")), "ok")
+    found(check_processes(set(), ["leader"], {}), "failed", "not running: leader")
+    found(check_processes({"leader"}, ["leader"], {}), "failed", "not ready: leader")
+    found(check_processes({"leader"}, ["leader"], health("leader", ready=False)), "failed", "not ready: leader")
+    found(check_processes({"leader"}, ["leader"], health("leader", malformed=2)), "warning", "leader 2")
+    found(check_processes({"leader"}, ["leader"], health("leader", missed_periods=40)), "warning", "40 of 1000")
 
 
 def drives(**values: Any) -> Drives:
@@ -125,15 +125,15 @@ def drives(**values: Any) -> Drives:
 
 
 def test_drives_and_battery() -> None:
-    told(check_drives(drives()), "ok", "disarmed", "stop inputs clear")
-    told(check_drives(drives(state="fault", cause="left wheel: overcurrent")), "failed", "overcurrent")
-    told(check_drives(drives(stop_inputs_clear=False)), "warning", "stop input")
-    told(check_drives(drives(shadow=True)), "warning", "shadow")
-    told(check_drives(None), "failed", "nothing")
-    told(check_battery(26.0, 24.0), "ok", "26.0 V")
-    told(check_battery(23.0, 24.0), "failed", "charge")
-    told(check_battery(23.0, 0.0), "ok", "not judged")
-    told(check_battery(0.0, 0.0), "failed", "no voltage")
+    found(check_drives(drives()), "ok", "disarmed", "stop inputs clear")
+    found(check_drives(drives(state="fault", cause="left wheel: overcurrent")), "failed", "overcurrent")
+    found(check_drives(drives(stop_inputs_clear=False)), "warning", "stop input")
+    found(check_drives(drives(shadow=True)), "warning", "shadow")
+    found(check_drives(None), "failed", "nothing")
+    found(check_battery(26.0, 24.0), "ok", "26.0 V")
+    found(check_battery(23.0, 24.0), "failed", "charge")
+    found(check_battery(23.0, 0.0), "ok", "not judged")
+    found(check_battery(0.0, 0.0), "failed", "no voltage")
 
 
 def test_leader() -> None:
@@ -142,19 +142,19 @@ def test_leader() -> None:
         standing |= {"lock": "open", "actuator_current_a": 0.0, "queue": 2, "led_setpoint_a": (1.0,) * 4}
         return check_leader(LeaderState(**{**standing, **values}), 0.15)
 
-    told(check(), "ok", "lock open", "2 in the queue")
-    told(check(led_current_a=(1.0, 1.0, 0.0, 1.0)), "failed", "0.00")
-    told(check(led_fault=True, cause="LED 2 open"), "failed", "LED 2 open")
-    told(check(lock="fault"), "failed", "lock fault")
-    told(check(ready=False, cause="I/O module silent"), "failed", "I/O module silent")
-    told(check(led_derated=True), "warning", "derated")
-    told(check(queue=None), "warning", "davpc lock count")
-    told(check_leader(None, 0.15), "failed", "nothing of it")
+    found(check(), "ok", "lock open", "2 in the queue")
+    found(check(led_current_a=(1.0, 1.0, 0.0, 1.0)), "failed", "0.00")
+    found(check(led_fault=True, cause="LED 2 open"), "failed", "LED 2 open")
+    found(check(lock="fault"), "failed", "lock fault")
+    found(check(ready=False, cause="I/O module silent"), "failed", "I/O module silent")
+    found(check(led_derated=True), "warning", "derated")
+    found(check(queue=None), "warning", "davpc lock count")
+    found(check_leader(None, 0.15), "failed", "nothing of it")
 
 
 def test_configuration(config: Config) -> None:
-    told(check_configuration(FILE, ProbeResult(config)), "ok", "calibration.toml")
-    told(
+    found(check_configuration(FILE, ProbeResult(config)), "ok", "calibration.toml")
+    found(
         check_configuration(FILE, ProbeResult(why="robots.toml: camera.rate_hz: too much")),
         "failed",
         "camera.rate_hz",

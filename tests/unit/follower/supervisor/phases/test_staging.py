@@ -18,7 +18,7 @@ LOCKED = replace(LEADER, lock="locked", queue=1)
 
 @dataclass
 class Yard(Bench):
-    """A bench whose base moves as told, whose grippers open, and where a trolley may be brought."""
+    """A bench whose base moves as commanded, whose grippers open, and where a trolley may be brought."""
 
     x_m: float = 1.75
     trolley_there: bool = False
@@ -193,7 +193,7 @@ def test_nothing_goes_back_while_it_touches(yard: Yard) -> None:
     assert yard.mission.cause.startswith("no_progress: no retry")
 
 
-def test_a_late_command_on_the_way_back_is_armed_anew(yard: Yard) -> None:
+def test_a_late_command_on_the_way_back_is_rearmed(yard: Yard) -> None:
     yard.ask("start", trolley=2)
     yard.live(3.0)
     assert yard.mission is not None
