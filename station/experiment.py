@@ -18,9 +18,20 @@ from experiments.fuzz import experiment as fuzz
 from experiments.perception import experiment as perception
 from experiments.queues import incidents, linkcut, scenarios, sequential
 from experiments.queues.incident_cases import CASES
+from experiments.shared.executor import Workers
 from experiments.stop_times import experiment as stop_times
 from station.fuzz_kinds import STATION_KINDS
-from station.options import ConfigOption, JobsOption, OutOption, SeedOption, SetOption, loaded, names, show
+from station.options import (
+    ClusterOption,
+    ConfigOption,
+    JobsOption,
+    OutOption,
+    SeedOption,
+    SetOption,
+    loaded,
+    names,
+    show,
+)
 
 experiment = typer.Typer(no_args_is_help=True, help="Run the paper's experiments. `davpc experiment table1`")
 
@@ -41,6 +52,7 @@ def run_table1(
     pixels: PixelsOption = False,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
+    cluster: ClusterOption = "",
     out: OutOption = Path("out/table1"),
     config: ConfigOption = None,
     overrides: SetOption = None,
@@ -49,7 +61,8 @@ def run_table1(
     known = table1.PIXEL_CASES if pixels else table1.CASES
     chosen_methods = names(methods, table1.METHODS, "method") if methods else table1.DEFAULT_METHODS
     chosen_cases = names(cases, known, "case")
-    table1.run(out, seed, jobs, loaded(config, overrides), trials, chosen_methods, chosen_cases, pixels=pixels)
+    chosen = chosen_methods, chosen_cases
+    table1.run(out, seed, Workers(jobs, cluster), loaded(config, overrides), trials, *chosen, pixels=pixels)
     show(out)
 
 
@@ -57,12 +70,13 @@ def run_table1(
 def run_trajectories(
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
+    cluster: ClusterOption = "",
     out: OutOption = Path("out/trajectories"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
     """The paper's comparative figure: four starts, three methods."""
-    trajectories.run(out, seed, jobs, loaded(config, overrides))
+    trajectories.run(out, seed, Workers(jobs, cluster), loaded(config, overrides))
     show(out)
 
 
@@ -74,13 +88,14 @@ def run_disturbance(
     pixels: PixelsOption = False,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
+    cluster: ClusterOption = "",
     out: OutOption = Path("out/disturbance"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
     """Pads, load, lag and drift: with and without disturbance rejection."""
     chosen = names(methods, disturbance.METHODS, "method"), names(cases, tuple(DISTURBANCES), "case")
-    disturbance.run(out, seed, jobs, loaded(config, overrides), trials, *chosen, pixels=pixels)
+    disturbance.run(out, seed, Workers(jobs, cluster), loaded(config, overrides), trials, *chosen, pixels=pixels)
     show(out)
 
 
@@ -89,12 +104,13 @@ def run_sweep(
     trials: Annotated[int, typer.Option(min=1, help="starts of each setting")] = 10,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
+    cluster: ClusterOption = "",
     out: OutOption = Path("out/sweep"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
     """Accuracy, smoothness and solve time against the horizon and the observer's bandwidth."""
-    sweep.run(out, seed, jobs, loaded(config, overrides), trials)
+    sweep.run(out, seed, Workers(jobs, cluster), loaded(config, overrides), trials)
     show(out)
 
 
@@ -103,13 +119,14 @@ def run_perception(
     seeds: Annotated[int, typer.Option(min=1, help="approaches per scene")] = 20,
     scenes: Annotated[str, typer.Option(help="comma-separated; all when empty")] = "",
     jobs: JobsOption = CORES,
+    cluster: ClusterOption = "",
     out: OutOption = Path("out/perception"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
     """Hard scenes: losses, wrong LEDs, false locks, and both routes to the pose beside the bound."""
     chosen = names(scenes, tuple(perception.SCENES), "scene")
-    perception.run(out, loaded(config, overrides), seeds, chosen, jobs=jobs)
+    perception.run(out, loaded(config, overrides), seeds, chosen, workers=Workers(jobs, cluster))
     show(out)
 
 
@@ -137,12 +154,13 @@ def run_contact(
     trials: Annotated[int, typer.Option(min=1, help="pushes, and as many approaches over pads")] = 100,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
+    cluster: ClusterOption = "",
     out: OutOption = Path("out/contact"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
     """Contact recognised in pushes of varied speed and load, and none over rubber pads."""
-    contact.run(out, seed, trials, loaded(config, overrides), jobs)
+    contact.run(out, seed, trials, loaded(config, overrides), Workers(jobs, cluster))
     show(out)
 
 
@@ -152,6 +170,7 @@ def run_sequential(
     trials: Annotated[int, typer.Option(min=1, help="queues")] = 10,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
+    cluster: ClusterOption = "",
     out: OutOption = Path("out/sequential"),
     config: ConfigOption = None,
     overrides: SetOption = None,
@@ -160,7 +179,7 @@ def run_sequential(
 
     Exit code 1 if a trolley is not locked within its bound.
     """
-    results = sequential.run(out, seed, jobs, loaded(config, overrides), trials, trolleys)
+    results = sequential.run(out, seed, Workers(jobs, cluster), loaded(config, overrides), trials, trolleys)
     _judge(out, results)
 
 
@@ -170,13 +189,14 @@ def run_scenarios(
     cases: CasesOption = "",
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
+    cluster: ClusterOption = "",
     out: OutOption = Path("out/scenarios"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
     """The paper's real-world scenarios: dark outdoors, parking lot, glass hall. Exit code 1 if one does not dock."""
     chosen = names(cases, tuple(scenarios.SCENARIOS), "scenario")
-    results = scenarios.run(out, seed, jobs, loaded(config, overrides), trials, chosen)
+    results = scenarios.run(out, seed, Workers(jobs, cluster), loaded(config, overrides), trials, chosen)
     _judge(out, results)
 
 
@@ -185,12 +205,13 @@ def run_linkcut(
     trials: Annotated[int, typer.Option(min=1, help="pairs of runs")] = 20,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
+    cluster: ClusterOption = "",
     out: OutOption = Path("out/linkcut"),
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
     """The robots' link cut in the approach: the velocity commands stay bit-identical; exit code 1 if not."""
-    results = linkcut.run(out, seed, jobs, loaded(config, overrides), trials)
+    results = linkcut.run(out, seed, Workers(jobs, cluster), loaded(config, overrides), trials)
     _judge(out, results)
 
 
@@ -202,6 +223,7 @@ def run_incidents(
     cases: CasesOption = "",
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
+    cluster: ClusterOption = "",
     out: OutOption = Path("out/incidents"),
     config: ConfigOption = None,
     overrides: SetOption = None,
@@ -211,7 +233,7 @@ def run_incidents(
     Exit code 1 if one differs.
     """
     chosen = names(cases, tuple(CASES), "incident")
-    results = incidents.run(out, seed, jobs, loaded(config, overrides), trials, chosen)
+    results = incidents.run(out, seed, Workers(jobs, cluster), loaded(config, overrides), trials, chosen)
     _judge(out, results)
 
 
@@ -227,6 +249,7 @@ def run_campaign(
     processes: Annotated[bool, typer.Option("--processes", help="also kill and stop real processes")] = False,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
+    cluster: ClusterOption = "",
     out: OutOption = Path("out/campaign"),
     config: ConfigOption = None,
     overrides: SetOption = None,
@@ -238,7 +261,8 @@ def run_campaign(
     chosen = names(rows, tuple(ROWS), "row")
     robots = loaded(config, overrides)
     measured = real_processes.run(out, config, seeds, seed, chosen, typer.echo) if processes else ([], [])
-    _judge(out, campaign.run(out, seed, jobs, robots, seeds, chosen, controls=controls, measured=measured))
+    workers = Workers(jobs, cluster)
+    _judge(out, campaign.run(out, seed, workers, robots, seeds, chosen, controls=controls, measured=measured))
 
 
 @experiment.command("fuzz", epilog="Example:  davpc experiment fuzz --messages 300000 --jobs 2")
@@ -249,6 +273,7 @@ def run_fuzz(
     seconds: Annotated[float, typer.Option(min=0.0, help="end sooner, after this time; 0: when all is sent")] = 0.0,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
+    cluster: ClusterOption = "",
     out: OutOption = Path("out/fuzz"),
     config: ConfigOption = None,
     overrides: SetOption = None,
@@ -258,7 +283,7 @@ def run_fuzz(
     Exit code 1 if anything does; each such input is kept in findings/ of --out.
     """
     plan = fuzz.FuzzPlan(messages=messages, frames=frames, files=files, seconds=seconds)
-    _judge(out, fuzz.run(out, seed, jobs, loaded(config, overrides), plan, STATION_KINDS))
+    _judge(out, fuzz.run(out, seed, Workers(jobs, cluster), loaded(config, overrides), plan, STATION_KINDS))
 
 
 def _judge(out: Path, results: dict[str, Any]) -> None:

@@ -23,6 +23,13 @@ SetOption = Annotated[
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="random seed")]
 JobsOption = Annotated[int, typer.Option(min=1, help="processes to share the work")]
+ClusterOption = Annotated[
+    str,
+    typer.Option(
+        envvar="DAVPC_CLUSTER",
+        help="dask.distributed scheduler, as tcp://HOST:8786, whose workers do the runs instead; see docs/cluster.md",
+    ),
+]
 RuntimeOption = Annotated[
     Path | None,
     typer.Option(

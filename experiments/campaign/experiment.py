@@ -11,7 +11,7 @@ import json
 import shutil
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from experiments.campaign.judge import Verdict
 from experiments.campaign.plot import draw_matrix, matrix
 from experiments.campaign.rows import ROWS, Row
 from experiments.campaign.trunk import PHASES, FaultTask, run_seed
-from experiments.shared.campaign import run_all
+from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import missed_note, row, write_results
 
 TO_THE_END = 10
@@ -42,7 +42,7 @@ class Job:
 def run(
     out: Path,
     seed: int,
-    jobs: int,
+    workers: Workers,
     config: Config,
     seeds: int = 25,
     rows: tuple[str, ...] = tuple(ROWS),
@@ -55,7 +55,7 @@ def run(
     Args:
         out: folder for the results; what an interrupted call left there is taken up.
         seed: the first one.
-        jobs: processes to share the work.
+        workers: who shares the work.
         config: the robots.
         seeds: how many.
         rows: ids of :data:`experiments.campaign.rows.ROWS`.
@@ -70,7 +70,7 @@ def run(
     for i in range(seeds):
         every = control_tasks(rows) if controls else tasks_of(i, rows)
         todo.append(_job(text, seed + i, tuple(task for task in every if task.phase in phases), folder))
-    done = run_all(seed_job, [job for job in todo if job.tasks], jobs, "campaign")
+    done = _done([job for job in todo if job.tasks], workers)
     runs = [each for runs_of_seed in done for each in runs_of_seed]
     if controls:
         results = _write_controls(out, seed, seeds, config, runs)
@@ -78,6 +78,22 @@ def run(
         results = _write(out, seed, seeds, config, rows, runs, measured)
     shutil.rmtree(folder)
     return results
+
+
+def _done(todo: list[Job], workers: Workers) -> list[list[Verdict]]:
+    """The runs of each seed; workers of a cluster do not see this machine's files, which are written here then."""
+    if not workers.cluster:
+        return run_all(seed_job, todo, workers, "campaign")
+    files = {job.seed: Path(job.kept) for job in todo}
+    left = [replace(job, kept="", tasks=_left(job.tasks, _kept(files[job.seed]))) for job in todo]
+    run_all(
+        seed_job,
+        [job for job in left if job.tasks],
+        workers,
+        "campaign",
+        keep=lambda job, runs: _keep(files[job.seed], runs),
+    )
+    return [seed_job(job) for job in todo]
 
 
 def _job(text: str, seed: int, tasks: tuple[FaultTask, ...], folder: Path) -> Job:
@@ -120,20 +136,36 @@ def control_tasks(rows: Sequence[str]) -> tuple[FaultTask, ...]:
 
 def seed_job(job: Job) -> list[Verdict]:
     """Run what of one seed is not in its file yet, and keep each run there as it is done; all of them, in order."""
-    kept = Path(job.kept)
-    lines = kept.read_text(encoding="utf-8").splitlines(keepends=True) if kept.exists() else []
-    runs = [Verdict(**_tuples(json.loads(line))) for line in lines if line.endswith("\n")]
-    done = {_key(each) for each in runs}
-    left = tuple(task for task in job.tasks if _key(task) not in done)
+    if not job.kept:
+        return list(run_seed(job.config_text, job.seed, job.tasks))
+    file = Path(job.kept)
+    runs = _kept(file)
+    left = _left(job.tasks, runs)
     if left:
-        # a line that was cut short is written again
-        kept.write_text("".join(line for line in lines if line.endswith("\n")), encoding="utf-8")
         for each in run_seed(job.config_text, job.seed, left):
             runs.append(each)
-            with kept.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(asdict(each), ensure_ascii=False) + "\n")
+            _keep(file, [each])
     order = {_key(task): place for place, task in enumerate(job.tasks)}
     return sorted(runs, key=lambda each: order[_key(each)])
+
+
+def _kept(file: Path) -> list[Verdict]:
+    """What an earlier call did; a line that was cut short is removed."""
+    lines = file.read_text(encoding="utf-8").splitlines(keepends=True) if file.exists() else []
+    whole = [line for line in lines if line.endswith("\n")]
+    if whole != lines:
+        file.write_text("".join(whole), encoding="utf-8")
+    return [Verdict(**_tuples(json.loads(line))) for line in whole]
+
+
+def _keep(file: Path, runs: Sequence[Verdict]) -> None:
+    with file.open("a", encoding="utf-8") as lines:
+        lines.writelines(json.dumps(asdict(each), ensure_ascii=False) + "\n" for each in runs)
+
+
+def _left(tasks: tuple[FaultTask, ...], runs: Sequence[Verdict]) -> tuple[FaultTask, ...]:
+    done = {_key(each) for each in runs}
+    return tuple(task for task in tasks if _key(task) not in done)
 
 
 def _key(of: FaultTask | Verdict) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from common.config import Config, default_config_path, load_config
 from common.geometry import Array
 from experiments.contact.handle_bench import ContactBench, Sample
 from experiments.contact.plot import draw_contact
-from experiments.shared.campaign import run_all
+from experiments.shared.executor import ALONE, Workers, run_all
 from experiments.shared.results import row, write_results
 from sim.physics.trolley import RubberPad
 from sim.world_config import WorldConfig, world_config
@@ -62,20 +62,24 @@ class PushRun:
     peak_force_n: float
 
 
-def run(out: Path, seed: int = 1, trials: int = 100, config: Config | None = None, jobs: int = 1) -> dict[str, Any]:
+def run(
+    out: Path, seed: int = 1, trials: int = 100, config: Config | None = None, workers: Workers = ALONE
+) -> dict[str, Any]:
     """Run both campaigns; write ``results.json``, ``table.md`` and ``contact.png``.
 
     Args:
         out: folder for the results; made if missing.
-        seed: random seed of loads, speeds and pads; the same seed gives the same results at any number of ``jobs``.
+        seed: random seed of loads, speeds and pads; the same seed gives the same results with any ``workers``.
         trials: pushes, and approaches.
         config: the robots; None: the default configuration.
-        jobs: processes.
+        workers: who does the runs.
     """
     robots = config if config is not None else load_config(default_config_path())
     text = robots.model_dump_json()
-    pushes = run_all(push_job, [ContactJob("push", i, seed, text) for i in range(trials)], jobs, "pushes")
-    alarms = run_all(approach_job, [ContactJob("approach", i, seed, text) for i in range(trials)], jobs, "approaches")
+    pushes = run_all(push_job, [ContactJob("push", i, seed, text) for i in range(trials)], workers, "pushes")
+    alarms = run_all(
+        approach_job, [ContactJob("approach", i, seed, text) for i in range(trials)], workers, "approaches"
+    )
     rows = [
         row("davpc", "push", trials, _push_metrics(pushes)),
         row("davpc", "approach over pads", trials, _approach_metrics(alarms)),

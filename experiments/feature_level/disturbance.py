@@ -19,7 +19,7 @@ from experiments.feature_level.scenes import (
     random_pads,
 )
 from experiments.feature_level.trial import Outcome
-from experiments.shared.campaign import run_all
+from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import write_results
 
 METHODS = ("vpc", "paper", "davpc")
@@ -28,7 +28,7 @@ METHODS = ("vpc", "paper", "davpc")
 def run(
     out: Path,
     seed: int,
-    jobs: int,
+    workers: Workers,
     config: Config,
     trials: int = 16,
     methods: tuple[str, ...] = METHODS,
@@ -40,7 +40,7 @@ def run(
     Args:
         out: folder for the results.
         seed: random seed.
-        jobs: processes.
+        workers: who does the runs.
         config: the robots.
         trials: runs of each method under each disturbance.
         methods: ``vpc`` is the paper's control without observer and compensation, ``paper`` with both.
@@ -56,8 +56,8 @@ def run(
     ]
     pads = random_pads(seed)
     shown = [make_case(config, method, "paper_pads", [start], pads, seed, level=level) for method in methods]
-    metrics = run_all(metrics_job, all_jobs(todo), jobs, "disturbance")
-    outcomes: list[Outcome] = run_all(fly_job, all_jobs(shown), jobs, "the paper's pads")
+    metrics = run_all(metrics_job, all_jobs(todo), workers, "disturbance")
+    outcomes: list[Outcome] = run_all(fly_job, all_jobs(shown), workers, "the paper's pads")
     rows = table(todo, metrics) + table(shown, [outcome.metrics for outcome in outcomes])
     settings = _settings(trials, cases) | level_settings(config, level, cases)
     results = write_results(out, "disturbance", seed, settings, rows, list(PAPER_DISTURBANCE), config)

@@ -11,7 +11,7 @@ from experiments.feature_level.plots import draw_sweep
 from experiments.feature_level.runs import MethodCase, all_jobs, make_case, metrics_job, table
 from experiments.feature_level.scenes import DISTURBANCES, DISTURBED_START, method_config, paper_start, random_starts
 from experiments.feature_level.sweep_settings import with_bandwidth, with_horizon
-from experiments.shared.campaign import run_all
+from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import write_results
 
 HORIZONS = (10, 20, 30, 40, 60)
@@ -19,13 +19,13 @@ BANDWIDTHS_RAD_S = (0.25, 0.5, 1.0, 2.0, 4.0)
 TIMED_PROBLEMS = 40
 
 
-def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 10) -> dict[str, Any]:
+def run(out: Path, seed: int, workers: Workers, config: Config, trials: int = 10) -> dict[str, Any]:
     """Vary N_p of both methods without a disturbance, and ω_o of the paper's observer with yaw pads.
 
     Args:
         out: folder for the results.
         seed: random seed.
-        jobs: processes.
+        workers: who does the runs.
         config: the robots.
         trials: runs of each setting.
     """
@@ -41,7 +41,7 @@ def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 10) -> di
         starts = [paper_start(DISTURBED_START)] * trials
         cases.append(make_case(setting, "paper", f"bandwidth_{bandwidth}", starts, DISTURBANCES["yaw_pads"], seed))
         varied.append(setting)
-    rows = table(cases, run_all(metrics_job, all_jobs(cases), jobs, "sweep"))
+    rows = table(cases, run_all(metrics_job, all_jobs(cases), workers, "sweep"))
     for entry, case, setting in zip(rows, cases, varied, strict=True):
         if case.name.startswith("horizon"):
             entry["metrics"]["solve_ms"] = _median_ms(setting, case, seed)

@@ -24,7 +24,7 @@ from experiments.feature_level.scenes import (
     random_starts,
 )
 from experiments.feature_level.trial import goal_task
-from experiments.shared.campaign import run_all
+from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import row, write_results
 
 CASES = ("T", "W", "T_tilted")
@@ -42,7 +42,7 @@ NOTE = (
 def run(
     out: Path,
     seed: int,
-    jobs: int,
+    workers: Workers,
     config: Config,
     trials: int = 100,
     methods: tuple[str, ...] = DEFAULT_METHODS,
@@ -54,7 +54,7 @@ def run(
     Args:
         out: folder to write to.
         seed: of starts and noise.
-        jobs: processes.
+        workers: who does the runs.
         trials: starts for each case.
         cases: ``T`` the paper's range, ``W`` a wider one, ``T_tilted`` the runtime's array; None: all of the level.
         pixels: render every frame and run the whole perception, with the array as configured in every case. The
@@ -70,7 +70,7 @@ def run(
         raise ValueError(f"case {unknown[0]!r} is none of {', '.join(known)}")
     level: Level = "pixels" if pixels else "features"
     todo = [_case(config, method, name, trials, seed, level) for name in cases for method in methods]
-    done = run_all(measured_job, all_jobs(todo), jobs, "table1")
+    done = run_all(measured_job, all_jobs(todo), workers, "table1")
     rows = table(todo, [metrics for metrics, _ in done])
     rows += _bound_rows(
         cases, [(case.name, limit) for (case, _), (_, limit) in zip(all_jobs(todo), done, strict=True)]

@@ -9,25 +9,25 @@ from common.config import Config
 from experiments.feature_level.plots import draw_trajectories
 from experiments.feature_level.runs import all_jobs, fly_job, make_case, table
 from experiments.feature_level.scenes import DISTURBANCES, PAPER_STARTS, PAPER_TABLE, method_config, paper_start
-from experiments.shared.campaign import run_all
+from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import write_results
 
 METHODS = ("ibvs", "ke", "davpc")
 
 
-def run(out: Path, seed: int, jobs: int, config: Config, methods: tuple[str, ...] = METHODS) -> dict[str, Any]:
+def run(out: Path, seed: int, workers: Workers, config: Config, methods: tuple[str, ...] = METHODS) -> dict[str, Any]:
     """Fly the paper's four starts with each method; write results and ``trajectories.png``.
 
     Args:
         out: folder for the results.
         seed: random seed.
-        jobs: processes.
+        workers: who does the runs.
         config: the robots.
         methods: which to fly.
     """
     starts = [paper_start(start) for start in PAPER_STARTS]
     cases = [make_case(config, method, "paper_starts", starts, DISTURBANCES["none"], seed) for method in methods]
-    outcomes = run_all(fly_job, all_jobs(cases), jobs, "trajectories")
+    outcomes = run_all(fly_job, all_jobs(cases), workers, "trajectories")
     rows = table(cases, [outcome.metrics for outcome in outcomes])
     settings = {"starts": [list(start) for start in PAPER_STARTS], "methods": list(methods)}
     results = write_results(out, "trajectories", seed, settings, rows, list(PAPER_TABLE), config)

@@ -5,7 +5,7 @@ The nodes that decide and compute also get anything that their messages' types a
 Structure-aware: each input begins as a valid one. A finding is an exception that no caller expects, a refusal of
 several lines, a set-point beyond a limit, a robot that moves while disarmed, a lock that opens unasked, or memory
 that grows by more than 5 MB; its input is kept in ``findings/``. The same seed makes the same inputs at any number of
-``jobs``.
+``workers``.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 from common.config import Config, default_config_path, load_config
+from common.errors import ConfigError
 from experiments.fuzz.can_frames import run_frames
 from experiments.fuzz.file_kinds import PROCESS_KINDS
 from experiments.fuzz.files import FileKind, length, run_file, run_truncations
 from experiments.fuzz.messages import run_messages
 from experiments.fuzz.nodes import NODES, run_node
 from experiments.fuzz.watch import Crash, Tally, merged
-from experiments.shared.campaign import run_all
+from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import missed_note, row, write_results
 
 _SHARD = {
@@ -73,22 +74,24 @@ class FuzzPlan:
 
 
 def run(
-    out: Path, seed: int, jobs: int, config: Config | None, plan: FuzzPlan, kinds: Sequence[FileKind] = ()
+    out: Path, seed: int, workers: Workers, config: Config | None, plan: FuzzPlan, kinds: Sequence[FileKind] = ()
 ) -> dict[str, Any]:
     """Send everything; write ``results.json``, ``table.md`` and ``findings/``.
 
     Args:
         out: folder for the results; made if missing.
         seed: random seed.
-        jobs: processes.
+        workers: who does the runs.
         config: the robots; None: the default configuration.
         plan: how many inputs.
         kinds: of files, besides those that processes read.
     """
     robots = config if config is not None else load_config(default_config_path())
+    if plan.seconds and workers.cluster:
+        raise ConfigError("--seconds is a time of this machine's clock: not with --cluster")
     todo = _jobs(seed, robots, plan, (*PROCESS_KINDS, *kinds))
     begin_s = time.monotonic()
-    done = run_all(fuzz_job, todo, jobs, "malformed inputs")
+    done = run_all(fuzz_job, todo, workers, "malformed inputs")
     targets: dict[tuple[str, str], list[Tally]] = {}
     for job, tally in zip(todo, done, strict=True):
         case = "truncated" if job.work == "truncations" else "mutated"

@@ -22,7 +22,7 @@ from experiments.perception.approach import PERIOD_NS, Look, approach, features_
 from experiments.perception.identification import CASES, identification_rates
 from experiments.perception.pose_bound import theta_errors
 from experiments.perception.scene_counts import BANDS_M, band_metrics, scene_metrics
-from experiments.shared.campaign import run_all
+from experiments.shared.executor import ALONE, Workers, run_all
 from experiments.shared.results import configuration
 from follower.estimator.state import StateEstimator
 from sim.optics.image import Optics
@@ -71,7 +71,7 @@ def run(
     seeds: int = 20,
     scenes: Sequence[str] = tuple(SCENES),
     trials: int = 1000,
-    jobs: int = 1,
+    workers: Workers = ALONE,
 ) -> dict[str, Any]:
     """Run every scene with every seed and write what came of it.
 
@@ -82,7 +82,7 @@ def run(
         scenes: names from :data:`sim.optics.scenes.SCENES`.
         trials: noisy images per distance of the comparison with the bound, and random scenes per case of
             identification.
-        jobs: processes; they change nothing but the time.
+        workers: who does the runs; they change nothing but the time.
     """
     robots = config if config is not None else load_config(default_config_path())
     out.mkdir(parents=True, exist_ok=True)
@@ -90,11 +90,11 @@ def run(
     text = robots.model_dump_json()
     rows: list[Row] = []
     for name in scenes:
-        looks = run_all(look_job, [LookJob(name, seed, text) for seed in range(seeds)], jobs, name)
+        looks = run_all(look_job, [LookJob(name, seed, text) for seed in range(seeds)], workers, name)
         rows.append({"method": robots.estimator.method, "case": name, "metrics": scene_metrics(looks)})
         rows += _band_rows(robots, name, looks)
         _write_picture(out / f"scene_{name}.png", optics, robots, looks[0][len(looks[0]) // 3])
-    rows += _dark_rows(text, seeds, jobs) + _bound_rows(robots, trials) + _identification_rows(robots, trials)
+    rows += _dark_rows(text, seeds, workers) + _bound_rows(robots, trials) + _identification_rows(robots, trials)
     results = {
         "experiment": "perception",
         "settings": configuration(robots),
@@ -114,12 +114,12 @@ def _band_rows(config: Config, name: str, looks: Sequence[Sequence[Look]]) -> li
     ]
 
 
-def _dark_rows(config_text: str, seeds: int, jobs: int) -> list[Row]:
+def _dark_rows(config_text: str, seeds: int, workers: Workers) -> list[Row]:
     """Forty lamps and no LED: frames in which some are taken for the array at all, and such as are confirmed."""
     rows: list[Row] = []
     for case, drives in (("40 lamps, driving", True), ("40 lamps, standing", False)):
         todo = [LookJob("clutter40", seed, config_text, lit=False, drives=drives) for seed in range(seeds)]
-        looks = [look for looks in run_all(look_job, todo, jobs, f"no LED, {case}") for look in looks]
+        looks = [look for looks in run_all(look_job, todo, workers, f"no LED, {case}") for look in looks]
         taken = sum(look.detection.leds_seen > 0 for look in looks)
         metrics = {
             "frames": len(looks),

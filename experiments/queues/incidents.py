@@ -18,7 +18,7 @@ from common.messages import Phase
 from common.timing import NS_PER_S
 from experiments.queues.incident_cases import CASES, Incident
 from experiments.queues.run import Backstage, Docking, plan, run_plan
-from experiments.shared.campaign import run_all
+from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import missed_note, row, write_results
 
 START, SPREAD = (3.6, 0.25, 0.0), (0.15, 0.15, 4.0)
@@ -76,21 +76,21 @@ class End:
 
 
 def run(
-    out: Path, seed: int, jobs: int, config: Config, trials: int = 5, cases: tuple[str, ...] = tuple(CASES)
+    out: Path, seed: int, workers: Workers, config: Config, trials: int = 5, cases: tuple[str, ...] = tuple(CASES)
 ) -> dict[str, Any]:
     """Run every incident ``trials`` times; write ``results.json`` and ``table.md``.
 
     Args:
         out: folder to write to.
-        seed: random seed; the results do not depend on ``jobs``.
-        jobs: processes.
+        seed: random seed; the results do not depend on ``workers``.
+        workers: who does the runs.
         config: the robots.
         trials: runs of each incident.
         cases: names in :data:`CASES`.
     """
     text = config.model_dump_json()
     todo = [IncidentJob(text, CASES[name], seed, trial) for name in cases for trial in range(trials)]
-    ends = run_all(incident_job, todo, jobs, "incidents")
+    ends = run_all(incident_job, todo, workers, "incidents")
     ended: dict[str, list[str]] = {}
     rows, wrong = [], []
     for i, name in enumerate(cases):

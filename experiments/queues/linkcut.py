@@ -16,7 +16,7 @@ from common.causes import cause_code
 from common.config import Config
 from common.timing import NS_PER_S
 from experiments.queues.run import Accident, Backstage, Docking, plan, run_plan
-from experiments.shared.campaign import run_all
+from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import missed_note, row, write_results
 
 START = ((4.0, 6.0), 1.0, 20.0)
@@ -44,18 +44,18 @@ class CutResult:
     held: bool
 
 
-def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 20) -> dict[str, Any]:
+def run(out: Path, seed: int, workers: Workers, config: Config, trials: int = 20) -> dict[str, Any]:
     """Run ``trials`` pairs; write ``results.json`` and ``table.md``.
 
     Args:
         out: folder to write to.
-        seed: random seed; the results do not depend on ``jobs``.
-        jobs: processes.
+        seed: random seed; the results do not depend on ``workers``.
+        workers: who does the runs.
         config: the robots.
         trials: pairs of runs.
     """
     todo = [CutJob(config.model_dump_json(), seed, trial) for trial in range(trials)]
-    pairs = run_all(pair_job, todo, jobs, "pairs")
+    pairs = run_all(pair_job, todo, workers, "pairs")
     equal = [pair.commands > 0 and pair.different == 0 for pair in pairs]
     named = [pair.cut == EXPECTED_CAUSE and pair.held for pair in pairs]
     metrics = {

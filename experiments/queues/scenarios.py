@@ -12,7 +12,7 @@ from common.config import Config
 from experiments.queues.plots import draw_scenarios
 from experiments.queues.run import Docking, plan, run_plan
 from experiments.queues.sequential import LOAD_KG, fault_of, metrics_of
-from experiments.shared.campaign import run_all
+from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import missed_note, row, write_results
 
 
@@ -48,20 +48,25 @@ class ScenarioJob:
 
 
 def run(
-    out: Path, seed: int, jobs: int, config: Config, trials: int = 20, cases: tuple[str, ...] = tuple(SCENARIOS)
+    out: Path,
+    seed: int,
+    workers: Workers,
+    config: Config,
+    trials: int = 20,
+    cases: tuple[str, ...] = tuple(SCENARIOS),
 ) -> dict[str, Any]:
     """Dock ``trials`` times in each scenario; write ``results.json``, ``table.md``, ``scenarios.png``.
 
     Args:
         out: folder to write to.
-        seed: random seed of scenes, starts, loads and noise; the results do not depend on ``jobs``.
-        jobs: processes.
+        seed: random seed of scenes, starts, loads and noise; the results do not depend on ``workers``.
+        workers: who does the runs.
         config: the robots.
         cases: of :data:`SCENARIOS`.
     """
     text = config.model_dump_json()
     todo = [ScenarioJob(text, SCENARIOS[name], seed, trial) for name in cases for trial in range(trials)]
-    dockings = run_all(scenario_job, todo, jobs, "scenarios")
+    dockings = run_all(scenario_job, todo, workers, "scenarios")
     rows, missed = [], []
     for i, name in enumerate(cases):
         mine = dockings[i * trials : (i + 1) * trials]

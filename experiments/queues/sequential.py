@@ -16,7 +16,7 @@ import numpy as np
 from common.config import Config
 from experiments.queues.plots import draw_sequential
 from experiments.queues.run import Docking, plan, run_plan
-from experiments.shared.campaign import run_all
+from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import missed_note, row, write_results
 from follower.model.array import feature_jacobian
 
@@ -40,17 +40,19 @@ class QueueJob:
     trial: int
 
 
-def run(out: Path, seed: int, jobs: int, config: Config, trials: int = 10, trolleys: int = 8) -> dict[str, Any]:
+def run(
+    out: Path, seed: int, workers: Workers, config: Config, trials: int = 10, trolleys: int = 8
+) -> dict[str, Any]:
     """Dock ``trials`` queues of ``trolleys``; write ``results.json``, ``table.md`` and ``sequential.png``.
 
     Args:
         out: folder to write to.
-        seed: random seed; the results do not depend on ``jobs``.
-        jobs: processes.
+        seed: random seed; the results do not depend on ``workers``.
+        workers: who does the runs.
         config: the robots.
     """
     todo = [QueueJob(config.model_dump_json(), trolleys, seed, trial) for trial in range(trials)]
-    queues = run_all(queue_job, todo, jobs, "queues")
+    queues = run_all(queue_job, todo, workers, "queues")
     bounds = [image_bound(config, trolley) for trolley in range(1, trolleys + 1)]
     rows = []
     for trolley in range(1, trolleys + 1):

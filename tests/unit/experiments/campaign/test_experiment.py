@@ -16,6 +16,7 @@ from experiments.campaign.faults import FAULTS
 from experiments.campaign.judge import broken
 from experiments.campaign.rows import ROWS
 from experiments.campaign.trunk import PHASES
+from experiments.shared.executor import ALONE, Workers
 
 
 def test_every_row_is_there_with_faults_and_phases_or_with_the_test_that_covers_it() -> None:
@@ -57,8 +58,8 @@ def test_a_branch_leaves_its_trunk_alone() -> None:
 
 def test_results_do_not_depend_on_the_jobs(config: Config, tmp_path: Path) -> None:
     rows = ("S31", "S28")
-    one = run(tmp_path / "one", 1, 1, config, seeds=1, rows=rows, phases=("idle",))
-    two = run(tmp_path / "two", 1, 2, config, seeds=1, rows=rows, phases=("idle",))
+    one = run(tmp_path / "one", 1, ALONE, config, seeds=1, rows=rows, phases=("idle",))
+    two = run(tmp_path / "two", 1, Workers(2), config, seeds=1, rows=rows, phases=("idle",))
     assert one["rows"] == two["rows"]
     (disk,) = [entry for entry in one["rows"] if entry["method"] == "S28"]
     assert disk["metrics"] == {"unsafe": 0, "wrong_reaction": 0, "wrong_cause": 0, "late": 0, "max_ms": None}

@@ -10,13 +10,14 @@ import pytest
 from common.config import default_config_path, load_config
 from experiments.feature_level import table1
 from experiments.feature_level.trial import METRICS
+from experiments.shared.executor import ALONE, Workers
 
 CONFIG = load_config(default_config_path())
 
 
 def test_table1_writes_the_agreed_format_and_does_not_depend_on_jobs(tmp_path: Path) -> None:
     runs = [
-        table1.run(tmp_path / str(jobs), 2, jobs, CONFIG, trials=2, methods=("ibvs",), cases=("T",))
+        table1.run(tmp_path / str(jobs), 2, Workers(jobs), CONFIG, trials=2, methods=("ibvs",), cases=("T",))
         for jobs in (1, 2)
     ]
     written = json.loads((tmp_path / "1/results.json").read_text())
@@ -31,11 +32,11 @@ def test_table1_writes_the_agreed_format_and_does_not_depend_on_jobs(tmp_path: P
 
 def test_table1_names_an_unknown_case(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="case 'X'"):
-        table1.run(tmp_path, 1, 1, CONFIG, trials=1, methods=("ibvs",), cases=("X",))
+        table1.run(tmp_path, 1, ALONE, CONFIG, trials=1, methods=("ibvs",), cases=("X",))
 
 
 def test_table1_tells_the_information_limit_along_the_default_method_alone(tmp_path: Path) -> None:
-    results = table1.run(tmp_path, 2, 1, CONFIG, trials=1, methods=("davpc", "ibvs"), cases=("W",))
+    results = table1.run(tmp_path, 2, ALONE, CONFIG, trials=1, methods=("davpc", "ibvs"), cases=("W",))
     rows = {entry["method"]: entry for entry in results["rows"]}
     assert list(rows) == ["davpc", "ibvs", "cramer_rao"]
     assert rows["cramer_rao"]["n"] == 1

@@ -19,6 +19,7 @@ from experiments.fuzz.file_kinds import PROCESS_KINDS
 from experiments.fuzz.files import FileKind, run_file, run_truncations
 from experiments.fuzz.messages import Receiver
 from experiments.fuzz.watch import MOST_GROWTH_BYTES, BoundedCall
+from experiments.shared.executor import ALONE
 from station.fuzz_kinds import STATION_KINDS
 from tests.rigs.canbus_rig import stepped_config
 
@@ -33,14 +34,14 @@ def config() -> Config:
 
 def test_a_small_run_finds_nothing_and_the_same_seed_sends_the_same(tmp_path: Path, config: Config) -> None:
     plan = FuzzPlan(messages=4_000, frames=1_500, files=60, stride=53)
-    results = run(tmp_path, 1, 1, config, plan, STATION_KINDS)
+    results = run(tmp_path, 1, ALONE, config, plan, STATION_KINDS)
     assert results["settings"]["missed"] == []
     assert json.loads((tmp_path / "results.json").read_text()) == results
     rows = {(row["method"], row["case"]): row for row in results["rows"]}
     assert rows["messages", "mutated"]["n"] == 4_000
     assert rows["attempts", "truncated"]["n"] > 100
     assert all(row["metrics"]["taken"] > 0 for (_, case), row in rows.items() if case == "mutated")
-    again = experiment.run(tmp_path, 1, 1, config, replace(plan, frames=0, files=0))
+    again = experiment.run(tmp_path, 1, ALONE, config, replace(plan, frames=0, files=0))
     assert again["rows"][0]["metrics"]["taken"] == rows["messages", "mutated"]["metrics"]["taken"]
 
 
@@ -82,7 +83,7 @@ def test_a_finding_is_kept_with_its_input(tmp_path: Path, config: Config, monkey
         raise ZeroDivisionError("by hand")
 
     monkeypatch.setattr("experiments.fuzz.messages.Receiver.take", raising)
-    results = run(tmp_path, 1, 1, config, FuzzPlan(messages=5, frames=0, files=0))
+    results = run(tmp_path, 1, ALONE, config, FuzzPlan(messages=5, frames=0, files=0))
     (missed,) = results["settings"]["missed"]
     assert "ZeroDivisionError" in missed
     assert "5 times" in missed

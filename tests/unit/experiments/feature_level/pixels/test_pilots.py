@@ -16,6 +16,7 @@ from experiments.feature_level.pixels.pilots import PixelPilotFactory
 from experiments.feature_level.pixels.world import PixelWorld
 from experiments.feature_level.scenes import DISTURBANCES, pixel_config
 from experiments.feature_level.trial import Outcome, fly_in, goal_task
+from experiments.shared.executor import ALONE
 
 CONFIG = load_config(default_config_path())
 NEAR_START = Pose2(-2.2, 0.06, -0.05)
@@ -77,7 +78,7 @@ def test_table1_says_its_level(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         "experiments.feature_level.runs.fly_in", lambda world, task, pilot: fly_in(world, task, pilot, 0.2)
     )
     runs = [
-        table1.run(tmp_path / str(i), 2, 1, CONFIG, trials=1, methods=("davpc",), cases=("T",), pixels=True)
+        table1.run(tmp_path / str(i), 2, ALONE, CONFIG, trials=1, methods=("davpc",), cases=("T",), pixels=True)
         for i in range(2)
     ]
     assert runs[0] == runs[1] == json.loads((tmp_path / "0/results.json").read_text())
@@ -85,4 +86,4 @@ def test_table1_says_its_level(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert runs[0]["settings"]["cases"] == ["T_pixels"]
     assert [(entry["method"], entry["case"]) for entry in runs[0]["rows"]] == [("davpc", "T")]
     with pytest.raises(ValueError, match="T_tilted"):
-        table1.run(tmp_path, 1, 1, CONFIG, trials=1, methods=("davpc",), cases=("T_tilted",), pixels=True)
+        table1.run(tmp_path, 1, ALONE, CONFIG, trials=1, methods=("davpc",), cases=("T_tilted",), pixels=True)
