@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from common.config import Config, default_config_path, load_config
 from common.errors import ConfigError
 
+EXIT_MISSED = 1
 # where an installed robot has its sockets and frames
 ROBOT = Path("/run/davpc")
 ConfigOption = Annotated[
@@ -23,6 +24,7 @@ SetOption = Annotated[
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="random seed")]
 JobsOption = Annotated[int, typer.Option(min=1, help="processes to share the work")]
+CORES = os.cpu_count() or 1
 ClusterOption = Annotated[
     str,
     typer.Option(
@@ -30,6 +32,8 @@ ClusterOption = Annotated[
         help="dask.distributed scheduler, as tcp://HOST:8786, whose workers do the runs instead; see docs/cluster.md",
     ),
 ]
+MethodsOption = Annotated[str, typer.Option(help="comma-separated; the usual ones when empty")]
+CasesOption = Annotated[str, typer.Option(help="comma-separated; all when empty")]
 RuntimeOption = Annotated[
     Path | None,
     typer.Option(
@@ -109,3 +113,10 @@ def show(out: Path) -> None:
     for table in sorted(out.glob("*.md")):
         typer.echo(table.read_text(encoding="utf-8"))
     typer.echo(f"written: {', '.join(str(path) for path in sorted(out.iterdir()) if path.is_file())}")
+
+
+def judge(out: Path, results: dict[str, Any]) -> None:
+    """Show the results; exit code 1 where a run did not end as it must."""
+    show(out)
+    if results["settings"]["missed"]:
+        raise typer.Exit(EXIT_MISSED)

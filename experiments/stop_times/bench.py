@@ -24,8 +24,8 @@ from common.errors import DeviceError
 from common.executor import earlier_processes
 from common.messages import Drives, decode
 from common.timing import NS_PER_S
+from experiments.shared.process import Starter, wait_for
 from experiments.stop_times.feeder import SPEED_M_S, Feeder
-from experiments.stop_times.process import Starter, wait_for
 from experiments.stop_times.watch import Canary, StopWatch
 from sim.can.nodes import FollowerBus
 from sim.can.server import CanServer

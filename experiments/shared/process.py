@@ -1,4 +1,4 @@
-"""Start of the processes whose stop time is measured."""
+"""Processes as on the robot, started and watched by an experiment."""
 
 from __future__ import annotations
 

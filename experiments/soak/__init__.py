@@ -1,0 +1,1 @@
+"""Collections for hours, in stepped time and with real processes: nothing grows, nothing is lost without a name."""
