@@ -23,7 +23,7 @@ MOST_MB_PER_H = 1.0
 JUDGED_MINUTES = 20.0
 WARM_UP_SHARE = 0.25
 _PERIOD_S, _LOOK_S = 1.0, 0.05
-_TOLD_EVERY_S = 60.0
+_REPORT_EVERY_S = 60.0
 History = dict[str, list[Held]]
 Missed = dict[str, int]
 
@@ -71,7 +71,7 @@ def _watch(
     history: History = {name: [] for name in fleet.children}
     begin = time.monotonic()
     missed_before: Missed = {}
-    due_s, told_s = 0.0, _TOLD_EVERY_S
+    due_s, report_s = 0.0, _REPORT_EVERY_S
     while (now_s := time.monotonic() - begin) < seconds:
         action = operator.step(now_s, fleet.mission, fleet.leader)
         if action is not None:
@@ -85,8 +85,8 @@ def _watch(
                 history[name].append(held(child.pid, now_s))
             if now_s < seconds * WARM_UP_SHARE:
                 missed_before = {name: health.missed_periods for name, health in fleet.health.items()}
-        if now_s >= told_s:
-            told_s += _TOLD_EVERY_S
+        if now_s >= report_s:
+            report_s += _REPORT_EVERY_S
             progress(
                 f"soak: {now_s / 60:.0f} min, {(seconds - now_s) / 60:.0f} min left, {operator.ends['done']} docked"
             )

@@ -1,4 +1,4 @@
-"""What a user of ``--cluster`` is told before any run begins; whole clusters are in tests/system."""
+"""What a user of ``--cluster`` reads before any run begins; whole clusters are in tests/system."""
 
 from __future__ import annotations
 

@@ -24,13 +24,13 @@ def test_workers_give_linear_algebra_one_thread(monkeypatch: pytest.MonkeyPatch)
     assert [os.getenv(name) for name in names] == ["3", None]
 
 
-def test_a_log_is_told_the_progress_and_the_time_left_at_every_tenth() -> None:
+def test_a_log_gets_the_progress_and_the_time_left_at_every_tenth() -> None:
     log = io.StringIO()
     assert run_all(abs, list(range(-40, 0)), ALONE, "many", Console(file=log, width=120)) == list(range(40, 0, -1))
-    told = [line for line in log.getvalue().splitlines() if " min left" in line]
-    assert len(told) == 10
-    assert told[0].startswith("many: 4 of 40 after 0.0 min")
-    assert "40 of 40" in told[-1]
+    lines = [line for line in log.getvalue().splitlines() if " min left" in line]
+    assert len(lines) == 10
+    assert lines[0].startswith("many: 4 of 40 after 0.0 min")
+    assert "40 of 40" in lines[-1]
 
 
 def test_results_are_in_order_and_identical_to_the_bit_at_any_number_of_jobs() -> None:
