@@ -6,12 +6,13 @@ from bisect import bisect_right
 from dataclasses import dataclass
 
 from common.config import Config
-from common.timing import NS_PER_MS
+from common.timing import NS_PER_MS, NS_PER_S
 from experiments.campaign.rows import Row
 from experiments.campaign.trace import BusSample, Trace
 from experiments.campaign.unsafe import unsafe_motion
 
 _TOGETHER_MS = 300.0
+_STOPPED, _OFF_WITHIN_NS = ("stopped", "disarmed", "fault"), 3 * NS_PER_S
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +119,8 @@ def reaction_of(trace: Trace, reference: list[BusSample]) -> tuple[str, float | 
     """What the bus shows as reaction, and how long after the fault.
 
     Against the reference: set-points that become zero while they would not have without the fault, and drives that
-    leave operation. A stop by which the arms are no longer led either is a disarmed one.
+    leave operation. A stop is a disarmed one if the bridge reports so at once, or drives leave operation. Arms may
+    be led on while the base brakes, and leave it within 3 s then.
     """
     end_ns = reference[-1].t_ns if reference else trace.fault_ns
     zero_ns = next(
@@ -132,6 +134,9 @@ def reaction_of(trace: Trace, reference: list[BusSample]) -> tuple[str, float | 
     if not was_on and trace.end not in ("", "done"):
         return latched, None  # nothing was armed, and nothing will be
     off_ns = next(off, None) if was_on and trace.end != "done" else None
+    reported_ns = next((s.t_ns for s in trace.drives if s.state in _STOPPED and s.t_ns >= trace.fault_ns), None)
+    if off_ns is not None and reported_ns is not None and off_ns - reported_ns < _OFF_WITHIN_NS:
+        off_ns = min(off_ns, reported_ns)
     if off_ns is not None and (zero_ns is None or off_ns - zero_ns <= _TOGETHER_MS * NS_PER_MS):
         moving = bool(reference) and reference[0].commanded
         first_ns = max(zero_ns, trace.fault_ns) if zero_ns is not None and moving else off_ns

@@ -16,6 +16,7 @@ from follower.arms.impedance import HandleImpedance
 from follower.arms.posture import Posture, PostureTracker, handle_force
 from follower.arms.sampling import SampleInterval
 from follower.arms.slip_detection import SlipDetector
+from follower.standstill import BRAKING_NS, Standstill
 
 # what lasts is not judged across a gap: a longer one counts for this much
 _LONGEST_STEP_NS = 50 * NS_PER_MS
@@ -35,6 +36,8 @@ class HandleHold:
 
     A slip or a collision is reported until the next epoch, and the arms yield at once: reference where the handle
     is, gains of free arms, no push. The supervisor reacts within its own period.
+
+    After a stop they go on under the epoch that was armed until the base stands: until then the bridge follows them.
     """
 
     def __init__(self, arms: ArmsConfig, base: BaseConfig) -> None:
@@ -53,10 +56,14 @@ class HandleHold:
         self._holding = False
         self._epoch = -1
         self._cause: ArmCause = "ok"
+        self._standstill = Standstill(base)
+        self._armed_ns: int | None = None
+        self.led = False
 
     def feel(self, drives: Drives, mission: Mission | None) -> ArmState:
         """Force along the handle from all six joint torques, contact, connection, slip, collision."""
         self._time(drives)
+        self._lead(drives)
         posture = self._tracker.posture(drives.joint_angle_rad, drives.measured_ns)
         self._posture = posture
         force_n = float(handle_force(posture, drives.joint_torque_n_m)[0])
@@ -85,8 +92,10 @@ class HandleHold:
         posture = self._posture
         if posture is None:
             raise RuntimeError("hold() comes after feel()")
-        obeyed = drives.state == "armed" and self._cause == "ok"
-        if drives.state != "armed":
+        # after a stop nothing is pressed on: a trolley that rolls freely is held, one that touches something is not
+        pressing = drives.state != "armed" and (self._contact.contact or self._contact.connected)
+        obeyed = self.led and self._cause == "ok" and not pressing
+        if not self.led:
             self._grasp.restart(posture.handle.x_m, drives.grip_angle_rad, drives.lift_m, self._interval.begin_ns)
             self._askew = posture.handle.y_m, posture.handle.theta_rad
         if mission.phase == "manual" or mission.grip == "stay":
@@ -99,7 +108,18 @@ class HandleHold:
         reference = Pose2(grasp.handle_x_m, *self._askew) if obeyed else posture.handle
         torques = self._impedance.torques(posture, reference, self._push_n, grasp.firmness if obeyed else 0.0)
         grip = grasp.grip_torque_n_m
-        return ArmSetpoint(mission.epoch, torques, (grip, grip), min(max(grasp.lift_m, 0.0), _HIGHEST_LIFT_M))
+        epoch = drives.epoch if self.led else mission.epoch
+        return ArmSetpoint(epoch, torques, (grip, grip), min(max(grasp.lift_m, 0.0), _HIGHEST_LIFT_M))
+
+    def _lead(self, drives: Drives) -> None:
+        """Whether the drives follow: while they are armed, and from then on until the base stands."""
+        now_ns = drives.measured_ns
+        self._standstill.step(now_ns, drives)
+        if drives.state == "armed":
+            self._armed_ns, self.led = now_ns, True
+            return
+        braking = self._armed_ns is not None and now_ns - self._armed_ns < BRAKING_NS and not self._standstill.holds
+        self.led = self.led and drives.state in ("stopped", "disarmed") and braking
 
     def _straighten(self) -> None:
         """Bring the reference in line with the chassis without a jump, which would count as a collision."""
@@ -128,7 +148,7 @@ class HandleHold:
 
     def _watch(self, drives: Drives) -> None:
         """Slip and collision are judged while the drives really obey and a trolley is held."""
-        if drives.state != "armed" or drives.shadow or not self._holding:
+        if not self.led or drives.shadow or not self._holding:
             self._slip.forget()
             self._collision.forget()
             return

@@ -24,12 +24,14 @@ class ArmsNode(Node):
         self._handle = HandleHold(config.arms, config.base)
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
-        """Measure always; hold only while there is a mission."""
+        """Measure always; hold only while there is a mission, or the base still brakes after one."""
         drives = inputs.arrived(DRIVES)
         if drives is None:
             return ()
-        mission = inputs.fresh(MISSION, now_ns)
+        mission, newest = inputs.fresh(MISSION, now_ns), inputs.newest(MISSION)
         outputs: list[Output] = [(ARM_STATE, self._handle.feel(drives, mission))]
+        if mission is None and newest is not None and self._handle.led:
+            mission = newest.message
         if mission is not None:
             outputs.append((ARM_SETPOINT, self._handle.hold(drives, mission)))
         return outputs

@@ -13,7 +13,7 @@ from common.timing import NS_PER_S, HeldFor
 from follower.can_bridge.arm_gate import ArmDecision, ArmGate, ArmMeasurement, StampedArms
 from follower.can_bridge.gate import ArmToken, Decision, Gate, StampedCommand, StopInputs, WheelStatus
 from follower.can_bridge.measurement import BusMeasurement, DriveSetpoint
-from follower.standstill import Standstill
+from follower.standstill import BRAKING_NS, Standstill
 
 State = Literal["starting", "disarmed", "enabling", "armed", "stopped", "fault"]
 Power = Literal["enable", "stop_arms", "disable", "reset"]
@@ -61,7 +61,8 @@ class Bridge:
         self._standing = HeldFor(_DISABLE_NS)
         self._uncommanded = HeldFor(_FIRST_COMMAND_NS, strictly=True)
         self._last_intervention: tuple[str, ...] = ()
-        self._was_enabled = self._was_stalled = False
+        self._was_enabled = self._was_stalled = self._led = False
+        self._armed_ns = 0
         self._resets: int | None = None
         self.state: State = "starting"
         self.cause = ""
@@ -103,6 +104,7 @@ class Bridge:
         arms = self._arms(inputs, measured)
         self._follow(inputs, measured, decision, arms, wanted)
         self._count(decision, arms)
+        self._led = self._leads(inputs.now_ns, measured, arms.rule)
         power = "reset" if self._asked_to_reset(mission) else self._power(inputs.now_ns, measured, arms.rule)
         return BridgeOutputs(setpoint=self._setpoint(measured, decision, arms), power=power, decision=decision)
 
@@ -180,6 +182,15 @@ class Bridge:
             return rule
         return next((name for name in (rule, arm_rule) if name not in BENIGN_RULES), "")
 
+    def _leads(self, now_ns: int, measured: BusMeasurement, arm_rule: str) -> bool:
+        """Whether the arms follow their set-points: armed, and from then on until the base stands."""
+        if self.state == "armed":
+            self._armed_ns = now_ns
+            return not arm_rule
+        trouble = arm_rule or measured.faults or measured.passing or measured.stalled or not measured.arms_enabled
+        braking = now_ns - self._armed_ns < BRAKING_NS and not self._standstill.holds
+        return self._led and self.state in ("stopped", "disarmed") and braking and not trouble
+
     def _power(self, now_ns: int, measured: BusMeasurement, arm_rule: str) -> Power | None:
         """Arms without a set-point yet are not enabled: without a torque the grippers would open."""
         if self.state in ("enabling", "armed") and not measured.stalled:
@@ -189,12 +200,12 @@ class Bridge:
                 return "enable"
         elif self._standing.step(now_ns, self._standstill.holds):
             return "disable"
-        return "stop_arms" if self._was_enabled else None
+        return "stop_arms" if self._was_enabled and not self._led else None
 
     def _setpoint(self, measured: BusMeasurement, decision: Decision, arms: ArmDecision) -> DriveSetpoint:
         left, right = wheels_from_twist(self._config.base, decision.v_m_s, decision.w_rad_s)
         setpoint = DriveSetpoint(left_rad_s=left, right_rad_s=right, lift_m=measured.lift_m)
-        if self.state not in ("enabling", "armed") or arms.rule:
+        if arms.rule or not (self._led or self.state in ("enabling", "armed")):
             return setpoint
         return replace(
             setpoint,

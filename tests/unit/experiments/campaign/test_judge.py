@@ -53,7 +53,8 @@ def trace(stop_ms: float | None = None, disarm_ms: float | None = None, cause: s
     made.missions = [MissionSample(FAULT_NS, "approach", True, "", "")]
     made.commands = [CommandSample(FAULT_NS + k * 50 * NS_PER_MS, SPEED, 0.0) for k in range(-4, 40)]
     if stop_ms is not None:
-        made.drives = [DrivesSample(FAULT_NS + round(stop_ms) * NS_PER_MS, "stopped", cause)]
+        reported_ms = stop_ms if disarm_ms is None else disarm_ms
+        made.drives = [DrivesSample(FAULT_NS + round(reported_ms) * NS_PER_MS, "stopped", cause)]
     return made
 
 
@@ -78,6 +79,12 @@ def test_the_bus_tells_the_reaction(
 ) -> None:
     what = replace(trace(stop_ms, disarm_ms), refused=refused)
     assert reaction_of(what, bus()) == expected
+
+
+def test_a_stop_that_is_reported_as_disarmed_is_one_though_the_arms_are_led_until_standstill() -> None:
+    led = replace(trace(120, 900), drives=trace(120, 130).drives)
+    assert reaction_of(led, bus()) == ("S1", 120)
+    assert reaction_of(replace(led, bus=bus(120)), bus()) == ("S0", 120)
 
 
 def test_a_stop_that_comes_without_the_fault_too_is_no_reaction() -> None:

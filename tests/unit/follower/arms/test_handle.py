@@ -86,3 +86,38 @@ def test_the_push_follows_the_measured_resistance_and_the_commanded_direction(co
     assert pushed(0, 0.0) == pytest.approx(0.0, abs=0.01)
     assert 6.0 < pushed(5000, 0.2) < 12.0
     assert pushed(10_000, -0.1) == pytest.approx(0.0, abs=0.01)
+
+
+def test_after_a_stop_the_arms_hold_under_the_armed_epoch_until_the_base_stands(config: Config) -> None:
+    hold, mission = HandleHold(config.arms, config.base), resting_mission(config)
+    ahead = holding_angles(config, config.arms.handle_x_m + 0.03)
+    torques, epochs = [], []
+    for now in range(0, 2000, 10):
+        state, angle = ("armed", now * 1e-3) if now < 1000 else ("stopped", min(now, 1400) * 1e-3)
+        drives = measured(config, now, state=state, wheel_angle_rad=(angle, angle), joint_angle_rad=ahead)
+        hold.feel(drives, mission)
+        setpoint = hold.hold(drives, replace(mission, epoch=1 if now < 1000 else 2))
+        torques.append(max(map(abs, setpoint.joint_torque_n_m)))
+        epochs.append(setpoint.epoch)
+    assert min(torques[50:140]) > 1.0
+    assert epochs[100:140] == [1] * 40
+    assert max(torques[170:]) < 0.1
+    assert epochs[-1] == 2
+
+
+def test_after_a_stop_nothing_that_the_trolley_touches_is_pressed_on(config: Config) -> None:
+    hold, mission = HandleHold(config.arms, config.base), resting_mission(config)
+    posture = PostureTracker(config.arms).posture(holding_angles(config), 0)
+    pressed = tuple(float(t) for jacobian in posture.jacobians for t in jacobian.T @ np.array([60.0, 0.0, 0.0]))
+    joints = holding_angles(config, config.arms.handle_x_m - 0.03)
+    for now in range(0, 2000, 10):
+        share = min(1.0, max(0.0, (now - 500) / 1000))
+        drives = measured(
+            config, now, state="armed" if now < 1900 else "disarmed", v_set_m_s=0.1 if now < 1900 else 0.0,
+            wheel_angle_rad=(now * 1e-3,) * 2, joint_angle_rad=joints,
+            joint_torque_n_m=tuple(share * torque for torque in pressed),
+        )  # fmt: skip
+        felt = hold.feel(drives, mission)
+        setpoint = hold.hold(drives, mission)
+    assert (felt.cause, felt.contact or felt.connected, hold.led) == ("ok", True, True)
+    assert max(map(abs, setpoint.joint_torque_n_m)) < 0.1

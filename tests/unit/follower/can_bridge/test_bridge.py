@@ -217,3 +217,33 @@ def test_wheels_whose_speed_reads_noise_at_rest_stand(rig: Rig) -> None:
         rig.measured = replace(rig.measured, wheel_speed_rad_s=(noise, noise))
         rig.run()
     assert rig.power[-1] == "disable"
+
+
+def test_the_arms_are_led_while_the_base_brakes_and_hold_once_it_stands(rig: Rig) -> None:
+    rig.run(20)
+    rig.roll(2.0, 2.0)
+    rig.token_ns = rig.now_ns - NS_PER_S
+    rig.power.clear()
+    assert rig.run(50) == "stopped"
+    assert set(rig.power) == {None}
+    rig.roll(0.0, 0.0)
+    rig.run(30)
+    assert rig.power[-1] == "stop_arms"
+    rig.roll(2.0, 2.0)
+    rig.run(30)
+    assert rig.power[-1] == "stop_arms"
+
+
+def test_arms_without_a_setpoint_or_for_too_long_are_not_led_by_a_base_that_rolls(rig: Rig) -> None:
+    rig.roll(2.0, 2.0)
+    rig.run(3)
+    rig.token_ns = rig.now_ns - NS_PER_S
+    rig.run(250)
+    assert rig.power[-1] == "stop_arms"
+    rig.token_ns = None
+    rig.mission = replace(rig.mission, epoch=rig.mission.epoch + 1)
+    assert rig.run(3) == "armed"
+    rig.arms_lag = True
+    rig.mission = replace(rig.mission, armed=False)
+    rig.run(2)
+    assert rig.power[-1] == "stop_arms"
