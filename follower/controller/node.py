@@ -1,4 +1,4 @@
-"""Controller process: docking state → command, on every third state."""
+"""Controller process: docking state → command, on every third state, or sooner where states come late."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from follower.controller.docking import DockingController, Twist
 from follower.controller.methods import make_method
 
 STATES_PER_COMMAND = 3
-# without states a command still comes, before the gate finds the last one too old: a gap pauses, it does not disarm
-_GAP_NS = 75 * NS_PER_MS
+# states that come late are not waited for until there are three: the next one is used, or none, before the gate finds
+# the last command too old, also where this process comes 20 ms late: a gap pauses, it does not disarm
+_LATE_NS, _GAP_NS = 60 * NS_PER_MS, 75 * NS_PER_MS
 _log = logging.getLogger("follower-controller")
 
 
@@ -42,25 +43,26 @@ class ControllerNode(Node):
         self._method.warm_up()
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
-        """A command on every third state, or after a gap of states; none if the solve took too long."""
+        """A command on every third state, or where they are late; none if the solve took too long."""
         received = inputs.newest(DOCKING_STATE)
         if received is None:
             return ()
         number = received.header.sequence
-        third = inputs.arrived(DOCKING_STATE) is not None and not (
-            0 <= number - self._last_stepped < STATES_PER_COMMAND
+        since_ns = now_ns - self._commanded_ns
+        due = inputs.arrived(DOCKING_STATE) is not None and (
+            since_ns >= _LATE_NS or not 0 <= number - self._last_stepped < STATES_PER_COMMAND
         )
         drives = inputs.fresh(DRIVES, now_ns)
         wheels = twist_from_wheels(self._base, drives.wheel_speed_rad_s) if drives else None
         if inputs.arrived(DOCKING_STATE) is not None:
             self._controller.observe(received.message, wheels)
-        if not third and now_ns - self._commanded_ns < _GAP_NS:
+        if not due and since_ns < _GAP_NS:
             return ()
         mission = inputs.newest(MISSION)
         if mission is not None and mission.message.phase == "manual":
             return ()  # the operator's station commands: the gate takes one writer
         self._last_stepped = number
-        state = received.message if third else None
+        state = received.message if due else None
         twist = self._controller.step(now_ns, state, inputs.fresh(MISSION, now_ns), wheels)
         done_ns = self._clock.now_ns()
         if done_ns - now_ns > self._deadline_ns:
