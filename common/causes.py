@@ -23,6 +23,8 @@ class Cause:
 
 # the bridge's causes, before a colon, for what may pass by itself (S1)
 NODE_SILENT, BAD_FRAMES, BUS_LOST = "node_silent", "bad_frames", "bus_lost"
+# the supervisor's, for what may pass as well
+BAD_MESSAGE: Final = "bad_message"
 _LOOK: Final = "look at the robots, then `davpc dock reset`"
 _CAUSES: Final[tuple[Cause, ...]] = (
     Cause("operator_abort", "S1", "the operator aborted it", "`davpc dock start` when ready"),
@@ -37,6 +39,12 @@ _CAUSES: Final[tuple[Cause, ...]] = (
         "S1",
         "the gate stopped the wheels by the named rule",
         "find the process that missed its deadline or restarted",
+    ),
+    Cause(
+        BAD_MESSAGE,
+        "S1",
+        "messages of the named process could not be decoded, two in a row: NaN, out of range, damaged",
+        "see the logs of that process and of the supervisor",
     ),
     Cause("restarted", "S1", "the named process restarted; a docking is never resumed", "see its log, start again"),
     Cause("slip", "S2", "the trolley slipped from a gripper", f"remove the trolley, {_LOOK}"),
@@ -84,7 +92,7 @@ _CAUSES: Final[tuple[Cause, ...]] = (
     Cause(
         "not_following",
         "S1",
-        "the image did not follow the wheels, nor after a pause: frozen camera or slipping wheels",
+        "the image did not follow the wheels, nor a turn on the spot: frozen camera or slipping wheels",
         "look at the floor under the wheels; see the camera's log, its cable; start again",
     ),
     Cause("estimator_silent", "S1", "no docking state", "see the estimator's log, start again"),

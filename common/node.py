@@ -84,6 +84,7 @@ class Inbox:
         self._arrived: set[str] = set()
         self._arriving: set[str] = set()
         self._spoilt: set[str] = set()
+        self._malformed: dict[str, int] = {}
         self._late: dict[str, int] = {}
         self._lock = threading.Lock()
         self._queues: dict[str, deque[Received[Any]]] = {}
@@ -103,6 +104,10 @@ class Inbox:
         """How many messages of a periodic channel came more than 20 ms after they were due."""
         with self._lock:
             return self._late.get(channel.key, 0)
+
+    def malformed_in_a_row(self, channel: Channel[Any]) -> int:
+        """How many of the last messages of a state channel that this node looked at could not be decoded."""
+        return self._malformed.get(channel.key, 0)
 
     def put_request(self, channel: Channel[Any], request: Received[Any]) -> bool:
         """Append a request; false, and it is not kept, if too many wait. Urgent ones have places of their own."""
@@ -136,8 +141,10 @@ class Inbox:
         received: Received[M] | None
         try:
             received = self._decode(channel.message, channel, payload, receipt_ns)
+            self._malformed[channel.key] = 0
         except MessageError:
             self._spoilt.add(channel.key)
+            self._malformed[channel.key] = self._malformed.get(channel.key, 0) + 1
             received = known[1] if known is not None else None
         self._decoded[channel.key] = (payload, received)
         return received

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
-from common.causes import BAD_FRAMES, BUS_LOST, NODE_SILENT, cause_code
+from common.causes import BAD_FRAMES, BAD_MESSAGE, BUS_LOST, NODE_SILENT, cause_code
 from common.config import BaseConfig, Config
 from common.geometry import Array, Pose2, features_at
 from common.kinematics import path_from_wheels
-from common.messages import DockingState, Drives
+from common.messages import Drives
 from common.timing import NS_PER_S
 from follower.model.dead_reckoning import WheelReckoning
 from follower.standstill import Standstill
+from follower.supervisor.image_trust import NOT_FOLLOWING, ImageTrust
 from follower.supervisor.interface import Grip, SupervisorInputs
 
 # a stop for a passing cause is re-armed this often within this time; more often the cause is not a passing one
@@ -20,34 +22,21 @@ MAX_REARMED, REARMED_WITHIN_S = 3, 20.0
 MAX_SEARCHES = 3
 MAX_RETRIES = 3
 MAX_PAUSES = 5
-NOT_FOLLOWING = "the image does not follow the wheels: frozen camera or slipping wheels"
-# a path on which the estimator notices an image that does not follow, also from far away
-_BELIEVED_M = 0.5
-
-
-class ImageTrust:
-    """Whether an image that did not follow the wheels may be believed once more (``docs/safety.md`` S08).
-
-    A slip passes, so the first doubt is a pause. If the next one comes before a path on which the image must have
-    followed, the camera is dead or the floor stays slippery.
-    """
-
-    def __init__(self) -> None:
-        self._doubted = False
-        self._doubted_at_m: float | None = None
-
-    def lost(self, state: DockingState | None, odometer_m: float) -> bool:
-        """Take one step; true on a second doubt in a row. The odometer's zero is arbitrary."""
-        if state is None:
-            return False
-        if state.valid:
-            self._doubted = False
-        if state.cause != "not_following":
-            return False
-        again = not self._doubted and self._doubted_at_m is not None
-        near = self._doubted_at_m is not None and abs(odometer_m - self._doubted_at_m) < _BELIEVED_M
-        self._doubted, self._doubted_at_m = True, odometer_m
-        return again and near
+# passing causes: a deadline was missed, the machine stalled, or what came could not be decoded
+REARMING_CAUSES: Final = frozenset(
+    {
+        "command_age",
+        "valid_until",
+        "token_age",
+        "status_age",
+        "arm_setpoint_age",
+        "bridge_stalled",
+        NODE_SILENT,
+        BAD_FRAMES,
+        BUS_LOST,
+        BAD_MESSAGE,
+    }
+)
 
 
 @dataclass(kw_only=True)
@@ -74,13 +63,14 @@ class Attempt:
     retries: int = 0
     pauses: int = 0
     contact_begin_m: float | None = None
-    trust: ImageTrust = field(default_factory=ImageTrust)
+    trust: ImageTrust = field(init=False)
     goal: Pose2 = field(init=False)
     desired: Array = field(init=False)
 
     def __post_init__(self) -> None:
         """Desired features: as taught, or from geometry."""
         config = self.config
+        self.trust = ImageTrust(config)
         self.goal = config.docking.goal(self.trolley)
         if self.taught is not None:
             self.desired = self.taught[self.trolley]
@@ -130,9 +120,11 @@ class Attempt:
         return ""
 
     def unfit(self, inputs: SupervisorInputs) -> str:
-        """Why no wheel may turn now, LEDs or not: battery (S46) or computer (S29); empty if they may."""
+        """Why no wheel may turn now, LEDs or not: battery (S46), messages (S14), computer (S29); empty: they may."""
         if low := undervoltage(self.config.base, inputs.drives):
             return low
+        if inputs.malformed:
+            return f"malformed messages of {inputs.malformed}"
         return f"{inputs.late} runs late: the computer cannot keep up" if inputs.late else ""
 
     def rolling(self) -> str:
@@ -140,15 +132,16 @@ class Attempt:
         return "" if self.standstill.holds else "standstill"
 
     def untrusted(self, inputs: SupervisorInputs) -> str:
-        """As a cause: the image did not follow the wheels, nor did it after a pause; empty if it may be believed."""
-        lost = inputs.drives is not None and self.trust.lost(inputs.state, self.odometer_m(inputs.drives))
-        return f"not_following: {NOT_FOLLOWING}" if lost else ""
+        """As a cause: the image did not follow the wheels, nor a turn after that; empty if it may, or may yet."""
+        if inputs.drives is not None:
+            self.trust.step(inputs.state, self.heading_rad(inputs.drives))
+        return f"not_following: {NOT_FOLLOWING}" if self.trust.stands else ""
 
     def blind(self, inputs: SupervisorInputs) -> str:
         """Why the Leader's array is not in view; empty if it is."""
         if inputs.state is None:
             return "no docking state"
-        if inputs.state.cause == "not_following":
+        if inputs.state.cause == "not_following" or (inputs.state.valid and self.trust.doubted):
             return NOT_FOLLOWING
         return "" if inputs.state.valid else f"LEDs not acquired ({inputs.state.cause})"
 

@@ -37,6 +37,7 @@ class SupervisorInputs:
         restarted: a process that began a new run since the last step; empty: none.
         unfit: why no new docking may begin although the robots are well (a full disk); empty: nothing.
         late: a process whose loops come late; empty: none.
+        malformed: a process whose last two messages or more could not be decoded; empty: none.
     """
 
     now_ns: int
@@ -50,6 +51,7 @@ class SupervisorInputs:
     restarted: str = ""
     unfit: str = ""
     late: str = ""
+    malformed: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

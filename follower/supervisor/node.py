@@ -38,6 +38,7 @@ from follower.supervisor.taught import taught_images
 
 _STEPS_PER_SUMMARY = 2
 _TIMED = (DRIVES, ARM_STATE)  # of processes whose loops wait for no camera
+_MALFORMED = 2  # in a row: one alone is dropped (docs/safety.md S14)
 _log = logging.getLogger("follower-supervisor")
 
 
@@ -83,6 +84,7 @@ class SupervisorNode(Node):
             restarted=self._runs.restarted(inputs),
             unfit=self._unfit(now_ns, inputs),
             late=self._late.step(now_ns, {channel.publisher: inputs.late(channel) for channel in _TIMED}),
+            malformed=_malformed(inputs),
         )
         docking = self._sequence.step(supervisor_inputs)
         self._journal.keep(self._report.step(supervisor_inputs, docking.mission, self._sequence.attempt))
@@ -139,6 +141,12 @@ class SupervisorNode(Node):
                 docking.append(received.message)
         manual.watch(manual_inputs)
         return tuple(docking), answers
+
+
+def _malformed(inputs: Inbox) -> str:
+    """The process whose last messages could not be decoded, after they were looked at; empty: none."""
+    channels = (DOCKING_STATE, DRIVES, ARM_STATE, COMMAND)
+    return next((each.publisher for each in channels if inputs.malformed_in_a_row(each) >= _MALFORMED), "")
 
 
 def _summary(summary: FollowerSummary, mission: Mission) -> FollowerSummary:

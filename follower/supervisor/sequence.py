@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from common.causes import BAD_FRAMES, BUS_LOST, NODE_SILENT, cause_code, needs_reset
+from common.causes import cause_code, needs_reset
 from common.config import Config
 from common.geometry import Array
-from common.messages import Answer, DockRequest, Drives, FollowerSummary, Mission, Phase
+from common.messages import Answer, DockRequest, FollowerSummary, Mission, Phase
 from common.timing import NS_PER_S
 from follower.model.dead_reckoning import WheelReckoning
 from follower.standstill import Standstill
-from follower.supervisor.attempt import Attempt, stopped_by_silence
+from follower.supervisor.attempt import REARMING_CAUSES, Attempt, stopped_by_silence
 from follower.supervisor.interface import Grip, PhaseOutputs, PhaseResult, SupervisorInputs, SupervisorOutputs
 from follower.supervisor.phases.acquire import AcquirePhase, SearchPhase
 from follower.supervisor.phases.approach import ApproachPhase
@@ -27,20 +27,6 @@ from follower.supervisor.phases.staging import StagingPhase
 from follower.supervisor.transitions import ENDED, FREE, IN_CONTACT, Event, next_phase
 
 _SILENT_NS = NS_PER_S // 4
-# passing causes: a deadline was missed, or the machine stalled
-REARMING_CAUSES: Final = frozenset(
-    {
-        "command_age",
-        "valid_until",
-        "token_age",
-        "status_age",
-        "arm_setpoint_age",
-        "bridge_stalled",
-        NODE_SILENT,
-        BAD_FRAMES,
-        BUS_LOST,
-    }
-)
 # a longer step was a stall of this process, not silence of the others
 _LONGEST_STEP_NS = NS_PER_S // 10
 # farther than this before its goal a trolley in the grippers cannot touch the queue
@@ -213,6 +199,8 @@ class DockingSequence:
         attempt, drives = self._attempt, inputs.drives
         if inputs.restarted:
             return PhaseResult("failed", f"restarted: {inputs.restarted}")
+        if inputs.malformed and attempt.armed:
+            return self._passing(f"bad_message: of {inputs.malformed}", inputs.now_ns)
         if drives is None:
             silent = attempt.armed and self._drives_silent_ns > _SILENT_NS
             return PhaseResult("failed", "drives_silent") if silent else None
@@ -222,7 +210,7 @@ class DockingSequence:
         if drives.state == "fault":
             return PhaseResult("failed", f"drive_fault: {drives.cause}")
         if attempt.armed and drives.state == "stopped" and drives.epoch == self._epoch:
-            return self._stopped(drives, inputs.now_ns)
+            return self._passing(f"gate_stop: {drives.cause}", inputs.now_ns)
         if attempt.enabled and not attempt.obeyed(drives):
             return PhaseResult("failed", f"drives_disarmed: {drives.cause or 'by themselves'}")
         if attempt.armed and inputs.arms is not None and inputs.arms.cause != "ok":
@@ -233,13 +221,10 @@ class DockingSequence:
             return PhaseResult("failed", "lock_implausible")
         return None
 
-    def _stopped(self, drives: Drives, now_ns: int) -> PhaseResult:
-        """S1: the gate stopped and disarmed. While nothing is in contact, re-arm once all is well, a few times."""
-        attempt = self._attempt
-        again = cause_code(drives.cause) in REARMING_CAUSES and attempt.may_rearm(now_ns)
-        if again and self._phase in FREE:
-            return PhaseResult("late")
-        return PhaseResult("failed", f"gate_stop: {drives.cause}")
+    def _passing(self, cause: str, now_ns: int) -> PhaseResult:
+        """S1: disarmed. While nothing is in contact and the cause may pass, re-arm once all is well, a few times."""
+        again = cause_code(cause.removeprefix("gate_stop: ")) in REARMING_CAUSES and self._attempt.may_rearm(now_ns)
+        return PhaseResult("late") if again and self._phase in FREE else PhaseResult("failed", cause)
 
     def _follow(self, result: PhaseResult, inputs: SupervisorInputs) -> None:
         """Follow the table of transitions."""

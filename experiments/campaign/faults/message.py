@@ -11,7 +11,18 @@ from typing import Any
 
 import msgpack
 
-from common.channels import COMMAND, DOCK_REQUEST, DOCKING_STATE, FOLLOWER_GATEWAY, LEADER_GATEWAY, MISSION, Channel
+from common.channels import (
+    ARM_SETPOINT,
+    ARM_STATE,
+    COMMAND,
+    DOCK_REQUEST,
+    DOCKING_STATE,
+    DRIVES,
+    FOLLOWER_GATEWAY,
+    LEADER_GATEWAY,
+    MISSION,
+    Channel,
+)
 from common.config import Config
 from common.messages import DockRequest, GatewayState
 from common.timing import NS_PER_MS, NS_PER_S
@@ -96,9 +107,15 @@ def _nan(field: str) -> Callable[..., None]:
     return pass_on
 
 
-def _nan_state(stage: Stage) -> None:
-    for name in (CONTROLLER, SUPERVISOR):
-        between(name, DOCKING_STATE, _nan("x_m"))(stage)
+def _nan_everywhere(channel: Channel[Any], field: str) -> Fault:
+    """Whoever receives the channel gets it with a NaN."""
+
+    def fault(stage: Stage) -> None:
+        for name, running in stage.running.items():
+            if channel in running.node.inputs and name != "station":
+                between(name, channel, _nan(field))(stage)
+
+    return fault
 
 
 def _solver_fails(stage: Stage) -> None:
@@ -183,7 +200,10 @@ FAULTS: dict[str, Fault] = {
     "late_loops": _late_loops,
     "nan_command": between(BRIDGE, COMMAND, _nan("v_m_s")),
     "nan_mission": between(BRIDGE, MISSION, _nan("v_max_m_s")),
-    "nan_state": _nan_state,
+    "nan_state": _nan_everywhere(DOCKING_STATE, "x_m"),
+    "nan_drives": _nan_everywhere(DRIVES, "v_set_m_s"),
+    "nan_arms": _nan_everywhere(ARM_STATE, "handle_force_n"),
+    "nan_torques": _nan_everywhere(ARM_SETPOINT, "lift_m"),
     "theta_flip": lambda stage: _falsify(stage, "theta_rad", 0.5),
     "depth_jump": lambda stage: _falsify(stage, "x_m", 0.6),
     "solver_fails": _solver_fails,

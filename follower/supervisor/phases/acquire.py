@@ -92,7 +92,9 @@ class SearchPhase(PhaseLogic):
     def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
         """See :class:`PhaseLogic`."""
         attempt, state = self.attempt, inputs.state
-        found = state is not None and state.valid and attempt.reckoning.agrees(state)
+        if cause := attempt.untrusted(inputs):
+            return failed(cause)
+        found = state is not None and not attempt.blind(inputs) and attempt.reckoning.agrees(state)
         if self._found.step(inputs.now_ns, found):
             return PhaseResult("leds_found")
         unwell = attempt.unwell(inputs) or ("no docking state" if state is None else "")

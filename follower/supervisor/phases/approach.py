@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from common.geometry import Array
 from common.kinematics import twist_from_wheels
 from common.messages import DockingState
 from common.timing import NS_PER_S, HeldFor
-from follower.supervisor.attempt import MAX_PAUSES, MAX_RETRIES, NOT_FOLLOWING, Attempt
-from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs
+from follower.supervisor.attempt import MAX_PAUSES, MAX_RETRIES, Attempt
+from follower.supervisor.image_trust import NOT_FOLLOWING
+from follower.supervisor.interface import PhaseOutputs, PhaseResult, SupervisorInputs, turning
 from follower.supervisor.lateral_forecast import LateralForecast
 from follower.supervisor.phases.acquire import search_refusal
 from follower.supervisor.phases.phase import PhaseLogic, failed
@@ -24,6 +26,8 @@ _MISSING_LED_NS = 3 * NS_PER_S // 10
 _NEARER_M = 0.02
 _HEADING_LEVER_M = 0.5
 _OVERSHOT_M = 0.15
+# how fast it turns to see whether the image lives
+_PROOF_RAD_S = 0.1
 # a speed error that no load explains, as a share of the largest that the estimator may find; for how long; after the
 # first time for how long, while the estimator learns that the slip is over; above which speed
 _SLIP_SHARE, _SLIP_NS, _SLIP_AGAIN_NS, _SLIP_SPEED_M_S = 0.6, 3 * NS_PER_S // 10, NS_PER_S, 0.05
@@ -101,7 +105,7 @@ class ApproachPhase(PhaseLogic):
         self._last_seen_ns: list[int] = [now_ns] * len(attempt.desired)
         self._nearest_m = math.inf
         self._nearest_s = 0.0
-        self._driven_s = self._allowed_s = 0.0
+        self._driven_s = self._allowed_s = self._proof_rad_s = 0.0
         self._before_ns = now_ns
 
     def step(self, inputs: SupervisorInputs) -> PhaseOutputs | PhaseResult:
@@ -137,8 +141,17 @@ class ApproachPhase(PhaseLogic):
             blind = self.attempt.blind(inputs)
             if not blind:
                 return failed(f"{pause.code}: {pause.reason}")
+            if self.attempt.trust.doubted:
+                return failed(f"not_following: {blind}")
             refusal = search_refusal(self.attempt, inputs)
             return failed(refusal) if refusal else PhaseResult("leds_lost")
+        state = inputs.state
+        if self.attempt.trust.doubted and state is not None and state.valid and not self.attempt.unwell(inputs):
+            if not self._proof_rad_s:
+                # towards the Leader's axis: the trolley's front comes no nearer to what is beside the queue
+                self._proof_rad_s = math.copysign(_PROOF_RAD_S, state.theta_rad - self.attempt.goal.theta_rad)
+            return replace(turning(self._proof_rad_s), waiting=NOT_FOLLOWING)
+        self._proof_rad_s = 0.0
         return PhaseOutputs(waiting=pause.reason or "health")
 
     def _servo(self, state: DockingState, reduced: bool) -> PhaseOutputs:

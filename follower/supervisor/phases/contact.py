@@ -56,6 +56,8 @@ class _Ahead(PhaseLogic):
             return f"unwell: {unwell}"
         if inputs.state is None:
             return "estimator_silent"
+        if self.attempt.trust.doubted:
+            return f"not_following: {unwell}"
         return f"{'leds_lost' if inputs.leader is not None else 'leader_lost'}: in contact"
 
 

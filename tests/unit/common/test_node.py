@@ -127,3 +127,14 @@ def test_headers_number_each_channel_by_itself() -> None:
 def test_ages_of_the_channel_table_are_those_of_the_safety_specification(config: Config) -> None:
     assert (MISSION.max_age_ms, DOCKING_STATE.max_age_ms, LEADER_STATE.max_age_ms) == (200, 100, 500)
     assert config.follower_can.watchdog_ms <= 80
+
+
+def test_malformed_states_are_counted_until_one_can_be_read(inbox: Inbox) -> None:
+    counts = []
+    for payload in (b"", b"\xff", leader(1), b"\xff"):
+        inbox.put_state(LOCAL, payload, 0)
+        inbox.begin_step()
+        inbox.newest(LOCAL)
+        inbox.newest(LOCAL)
+        counts.append(inbox.malformed_in_a_row(LOCAL))
+    assert counts == [1, 2, 0, 1]

@@ -9,8 +9,8 @@ import pytest
 
 from common.config import Config
 from common.geometry import Pose2
-from common.messages import LeaderState, Mission
-from follower.supervisor.attempt import NOT_FOLLOWING
+from common.messages import DockingState, LeaderState, Mission
+from follower.supervisor.image_trust import NOT_FOLLOWING
 from tests.rigs.supervisor_rig import DRIVES, LEADER, Bench, docking_state
 
 
@@ -110,40 +110,71 @@ def motion(bench: Bench) -> str:
     return bench.mission.motion
 
 
-def drive(bench: Bench, distance_m: float) -> None:
-    """The wheels have turned meanwhile."""
+def in_view(config: Config, pose: Pose2) -> DockingState:
+    """The array at this pose, with the features that were seen."""
+    state = docking_state(config, pose)
+    return replace(state, features=state.features_filtered)
+
+
+def turn(bench: Bench, config: Config, share: float, heading_rad: float = 0.0) -> float:
+    """Turn as commanded until it no longer is, at most 3 s; the image turns by that share. The heading turned to."""
     drives = bench.seen.drives
     assert drives is not None
-    turned = distance_m / bench.config.base.wheel_radius_m
-    left, right = drives.wheel_angle_rad
-    bench.seen = replace(bench.seen, drives=replace(drives, wheel_angle_rad=(left + turned, right + turned)))
+    for _ in range(60):
+        mission = bench.mission
+        if mission is None or mission.motion != "turn" or mission.phase != "approach":
+            break
+        assert mission.v_max_m_s == 0.0
+        heading_rad += mission.turn_rate_rad_s / 20
+        angle = heading_rad * config.base.track_m / 2 / config.base.wheel_radius_m
+        seen = share * heading_rad
+        pose = Pose2(5 * math.cos(seen), -5 * math.sin(seen), -seen)
+        bench.step(drives=replace(drives, wheel_angle_rad=(-angle, angle)), state=in_view(config, pose))
+    return heading_rad
 
 
-def test_an_image_that_does_not_follow_the_wheels_is_believed_once_more(bench: Bench, config: Config) -> None:
+def test_an_image_that_does_not_follow_the_wheels_is_believed_again_once_it_follows_a_turn(
+    bench: Bench, config: Config
+) -> None:
     bench.to_approach()
-    valid = bench.seen.state
-    paused = not_following(bench, config)
-    assert (paused.motion, paused.armed, paused.waiting) == ("hold", True, NOT_FOLLOWING)
-    drive(bench, 0.2)
-    bench.run(1.0)
-    assert motion(bench) == "hold"
-    bench.run(0.6, state=valid)
-    assert motion(bench) == "servo"
-    drive(bench, 0.1)
-    ended = not_following(bench, config)
-    assert (bench.sequence.phase, ended.cause) == ("aborted", f"not_following: {NOT_FOLLOWING}")
-
-
-def test_a_path_on_which_the_image_followed_makes_up_for_a_doubt(bench: Bench, config: Config) -> None:
-    bench.to_approach()
-    valid = bench.seen.state
+    valid, heading_rad = in_view(config, Pose2(5, 0, 0)), 0.0
     for _ in range(3):
-        assert not_following(bench, config).motion == "hold"
-        bench.step(state=docking_state(config, Pose2(5, 0, 0), valid=False))  # no second doubt: a frame was lost
-        not_following(bench, config)
-        bench.run(0.6, state=valid)
+        paused = not_following(bench, config)
+        assert (paused.motion, paused.armed, paused.waiting) == ("hold", True, NOT_FOLLOWING)
+        bench.step(state=docking_state(config, Pose2(5, 0, 0), valid=False))
+        assert motion(bench) == "hold"
+        bench.step(state=valid)
+        assert motion(bench) == "turn"
+        heading_rad = turn(bench, config, 1.0, heading_rad)
+        assert abs(heading_rad) < 0.05
+        bench.run(0.6)
         assert motion(bench) == "servo"
-        drive(bench, 0.6)
+        assert bench.seen.state is not None
+        valid = bench.seen.state
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2])
+def test_an_image_that_stands_while_the_robot_turns_ends_the_docking(
+    bench: Bench, config: Config, share: float
+) -> None:
+    bench.to_approach()
+    not_following(bench, config)
+    bench.step(state=in_view(config, Pose2(5, 0, 0)))
+    assert motion(bench) == "turn"
+    assert abs(turn(bench, config, share)) < 0.045
+    assert bench.mission is not None
+    assert (bench.sequence.phase, bench.mission.cause) == ("aborted", f"not_following: {NOT_FOLLOWING}")
+
+
+def test_in_contact_an_image_that_did_not_follow_is_not_believed_again(bench: Bench, config: Config) -> None:
+    bench.to_push()
+    valid = bench.seen.state
+    assert not_following(bench, config).motion == "hold"
+    bench.run(1.0, state=valid)
+    assert motion(bench) == "hold"
+    bench.run(3.0)
+    assert bench.mission is not None
+    assert (bench.sequence.phase, bench.mission.cause) == ("aborted", f"not_following: {NOT_FOLLOWING}")
 
 
 def test_an_undervoltage_pauses_until_it_is_over(bench: Bench) -> None:

@@ -133,3 +133,22 @@ def test_in_contact_a_late_command_ends_the_docking(bench: Bench) -> None:
     bench.step(drives=replace(bench.seen.drives, state="stopped", cause="command_age"))
     assert bench.mission is not None
     assert (bench.sequence.phase, bench.mission.grip) == ("aborted", "closed")
+
+
+def test_messages_that_cannot_be_decoded_disarm_and_out_of_contact_it_goes_on(bench: Bench) -> None:
+    bench.to_approach()
+    assert bench.mission is not None
+    epoch = bench.mission.epoch
+    bench.step(malformed="follower-estimator")
+    assert (bench.sequence.phase, bench.mission.armed, bench.mission.epoch) == ("acquire", False, epoch + 1)
+    bench.run(1.0, malformed="follower-estimator")
+    assert (bench.mission.armed, bench.mission.waiting) == (False, "malformed messages of follower-estimator")
+    assert bench.run(0.8, malformed="") == "approach"
+
+
+def test_messages_that_cannot_be_decoded_end_a_docking_in_contact(bench: Bench) -> None:
+    bench.to_push()
+    bench.step(malformed="follower-arms")
+    assert bench.mission is not None
+    assert (bench.sequence.phase, bench.mission.cause) == ("aborted", "bad_message: of follower-arms")
+    assert bench.mission.needs_reset
