@@ -15,6 +15,7 @@ from sim.can.nodes import FollowerBus, LeaderBus
 from sim.can.server import CanServer
 from sim.can.stepped_bus import SteppedChannel
 from sim.physics.plant import Plant
+from sim.truth import true_robots
 from sim.world_config import world_config
 from sim.world_message import WORLD, WorldState
 
@@ -28,9 +29,10 @@ class WorldNode(Node):
     def __init__(self, context: NodeContext) -> None:
         config = context.config
         self._world = world_config(config, str(context.config_path))
-        self._follower = FollowerBus.build(config.follower_can, context.config_path)
+        true = true_robots(config, self._world.truth)
+        self._follower = FollowerBus.build(true.follower_can, context.config_path)
         self._leader = LeaderBus.build(config.leader_can, context.config_path)
-        self.plant = Plant(config, self._world, self._follower, self._leader)
+        self.plant = Plant(true, self._world, self._follower, self._leader)
         self._clock = context.clock
         self._can = (config.follower_can.bus, config.leader_can.bus)
         self._path = context.config_path

@@ -11,6 +11,7 @@ from common.config import Config, NonNegative, Positive, Section, validate
 from common.errors import ConfigError
 from common.geometry import Pose2, pose_from_paper_start
 from sim.optics.scenes import named_scene
+from sim.truth import Truth, check_truth
 
 _LEADER_HALF_WIDTH_M = 0.5
 _FARTHEST_M = 100.0
@@ -76,6 +77,9 @@ class WorldConfig(Section):
     ] = 0.004
     suspension_lag_s: Positive = 0.15
     can_server_fd: int = -1
+    truth: Annotated[Truth, Field(description="errors of the configuration that no process of the robots has")] = (
+        Truth()
+    )
 
     @field_validator("scene")
     @classmethod
@@ -109,6 +113,7 @@ def world_config(config: Config, origin: str) -> WorldConfig:
         ConfigError: it is missing or wrong.
     """
     world = validate(WorldConfig, config.world, f"{origin}: [world]")
+    check_truth(world.truth, config, origin)
     beam = world.start_pose.compose(Pose2(world.handle_x_m + world.handle_to_beam_m, 0.0, 0.0))
     mouth_m = world.guide_ramp_m[1] - config.docking.trolley_pitch_m * world.docked - world.nest_m
     if (

@@ -10,7 +10,9 @@ from common.geometry import Pose2
 from common.node import Inbox, NodeContext, Trigger
 from common.timing import NS_PER_S
 from sim.optics.image import Optics, View
+from sim.optics.late_light import LateLight
 from sim.optics.scenes import Scene, Walker, named_scene
+from sim.truth import true_robots
 from sim.world_config import world_config
 from sim.world_message import WORLD
 
@@ -27,7 +29,9 @@ class SimulatedFrameSource:
     def __init__(self, context: NodeContext) -> None:
         self._camera = context.config.camera
         world = world_config(context.config, str(context.config_path))
-        self._optics = Optics(self._camera, context.config.leds, world.seed)
+        true = true_robots(context.config, world.truth)
+        self._optics = Optics(true.camera, true.leds, world.seed)
+        self._late = LateLight(world.truth.drawn(len(context.config.leds.positions_m)).latency_ns)
         # the plant already tilts the camera by the uneven floor
         self._scene = self._named = replace(named_scene(world.scene, world.seed), shake_rad=(0.0, 0.0))
         self._exposure_us = self._camera.exposure_us
@@ -46,15 +50,16 @@ class SimulatedFrameSource:
         world = inputs.arrived(WORLD)
         if world is None:
             return None
-        leader_in_follower = Pose2(world.x_m, world.y_m, world.theta_rad).inverse()
+        shown = self._late.seen_in(world)
+        leader_in_follower = Pose2(shown.x_m, shown.y_m, shown.theta_rad).inverse()
         view = View(
             frame_sequence=world.sequence,
             relative=leader_in_follower,
-            led_currents_a=world.led_current_a,
-            pitch_rad=world.pitch_rad,
-            roll_rad=world.roll_rad,
-            v_m_s=world.v_m_s,
-            w_rad_s=world.w_rad_s,
+            led_currents_a=shown.led_current_a,
+            pitch_rad=shown.pitch_rad,
+            roll_rad=shown.roll_rad,
+            v_m_s=shown.v_m_s,
+            w_rad_s=shown.w_rad_s,
             # counted from the world's start: lamps and walkers repeat in every run
             time_ns=round(world.sequence * NS_PER_S / self._camera.rate_hz),
             scene=self._with_occluders(world.occluders),
