@@ -11,17 +11,16 @@ Not modelled: the turning of LED beams with a tilted Leader, gravity along a slo
 from __future__ import annotations
 
 import math
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import Field
 
-from common.config import Config, DriveConfig, LensConfig, Section
+from common.config import Config, DriveConfig, LensConfig, Section, replaced
 from common.errors import ConfigError
 from common.geometry import Array
 from common.timing import NS_PER_MS
 
-SectionT = TypeVar("SectionT", bound=BaseModel)
 Length = Annotated[float, Field(ge=-0.2, le=0.2)]
 Degrees = Annotated[float, Field(ge=-20.0, le=20.0)]
 Relative = Annotated[float, Field(ge=-0.3, le=0.3)]
@@ -150,33 +149,27 @@ def true_robots(config: Config, truth: Truth) -> Config:
         (1.0 + gear) * (1.0 + encoder) / radius
         for gear, encoder, radius in zip(errors.gear, errors.encoder, (left, right), strict=True)
     ]
-    camera = _changed(
+    camera = replaced(
         config.camera,
         mount_xyz_m=_sum(config.camera.mount_xyz_m, errors.camera_m),
         mount_tilt_deg=_sum(config.camera.mount_tilt_deg, errors.camera_tilt_deg),
         lens=_true_lens(config.camera.lens, errors),
     )
-    wheels = _changed(
+    wheels = replaced(
         can, left_wheel=_geared(can.left_wheel, gears[0]), right_wheel=_geared(can.right_wheel, gears[1])
     )
-    return _changed(
+    return replaced(
         config,
         camera=camera,
-        leds=_changed(config.leds, positions_m=_true_leds(config, errors)),
-        base=_changed(base, track_m=base.track_m * (1.0 + errors.track)),
+        leds=replaced(config.leds, positions_m=_true_leds(config, errors)),
+        base=replaced(base, track_m=base.track_m * (1.0 + errors.track)),
         follower_can=wheels,
     )
 
 
-def _changed(section: SectionT, **changes: object) -> SectionT:
-    """A copy that takes nothing over but fields; what is true need not pass the checks of a configuration."""
-    fields = {name: getattr(section, name) for name in type(section).model_fields}
-    return type(section).model_construct(**(fields | changes))
-
-
 def _geared(drive: DriveConfig, factor: float) -> DriveConfig:
     """Encoder and gear alike scale what the drive's counts mean at the wheel."""
-    return _changed(drive, gear_ratio=drive.gear_ratio * factor)
+    return replaced(drive, gear_ratio=drive.gear_ratio * factor)
 
 
 def _true_lens(lens: LensConfig, errors: Truth) -> LensConfig:
@@ -192,7 +185,7 @@ def _true_lens(lens: LensConfig, errors: Truth) -> LensConfig:
         coefficients = lens.coefficients if lens.model != "pinhole" else (0.0,) * 8
         model = lens.model if lens.model != "pinhole" else "rational"
         changed |= {"model": model, "coefficients": (coefficients[0] + errors.distortion, *coefficients[1:])}
-    return _changed(lens, **changed)
+    return replaced(lens, **changed)
 
 
 def _true_leds(config: Config, errors: Truth) -> tuple[tuple[float, ...], ...]:

@@ -10,7 +10,7 @@ from common.config.can import (
     LeaderCanConfig,
 )
 from common.config.control import BaseConfig, CompensationConfig, ControllerConfig, LimitsConfig, RealtimeConfig
-from common.config.docking import DockingConfig, SupervisorConfig
+from common.config.docking import DockingConfig, SupervisorConfig, TaughtConfig
 from common.config.leader import LeaderConfig
 from common.config.loading import M, default_config_path, load_config, validate
 from common.config.network import DEFAULT_NAMESPACE, CertificateName, GatewayConfig, NetworkAddress, NetworkConfig
@@ -24,7 +24,7 @@ from common.config.perception import (
     Quadruple,
 )
 from common.config.robots import Config
-from common.config.section import Coordinate, NonNegative, Pair, Positive, Section, Xyz
+from common.config.section import Coordinate, NonNegative, Pair, Positive, Section, Xyz, replaced
 
 __all__ = [
     "BATTERY_V_PER_COUNT",
@@ -62,8 +62,10 @@ __all__ = [
     "RealtimeConfig",
     "Section",
     "SupervisorConfig",
+    "TaughtConfig",
     "Xyz",
     "default_config_path",
     "load_config",
+    "replaced",
     "validate",
 ]

@@ -11,10 +11,23 @@ from common.config.section import Positive, Section
 from common.geometry import Pose2
 
 
+class TaughtConfig(Section):
+    """How far the geometry may be from the robots' (standard deviations): what taught images may correct."""
+
+    camera_m: Annotated[Positive, Field(description="optical centre, along each axis of {F}")] = 0.005
+    camera_deg: Annotated[Positive, Field(description="pitch, roll and yaw of the mounting")] = 0.6
+    focal: Annotated[Positive, Field(description="of the focal length, relative")] = 0.006
+    leds_m: Annotated[Positive, Field(description="each LED along each axis of {L}")] = 0.0015
+    pose_m: Annotated[Positive, Field(description="x and y of the taught pose")] = 0.001
+    pose_deg: Annotated[Positive, Field(description="θ of the taught pose")] = 0.05
+    robot_tilt_deg: Annotated[Positive, Field(description="pitch and roll of the robot at a taught pose")] = 0.1
+
+
 class DockingConfig(Section):
     """Where trolley K docks, and when the approach counts as arrived.
 
-    ``taught_dir`` holds the desired images of ``davpc teach K``; if empty, geometry gives them.
+    ``taught_dir`` holds the images of ``davpc teach K``, by which camera and LEDs are corrected within ``taught``; if
+    empty, the geometry counts as configured.
     """
 
     goal_distance_m: Positive
@@ -29,6 +42,7 @@ class DockingConfig(Section):
     lateral_bound_first_m: Positive
     lateral_bound_next_m: Positive
     taught_dir: str = ""
+    taught: TaughtConfig = TaughtConfig()
 
     def goal(self, trolley: int) -> Pose2:
         """Desired pose of {L} in {F} for docking ``trolley`` (1 is the first)."""

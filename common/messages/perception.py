@@ -29,7 +29,7 @@ class Frame:
 class DockingState:
     """What the estimator found in one frame. The relative pose is that of {L} in {F}."""
 
-    SCHEMA: ClassVar[str] = "docking_state/2"
+    SCHEMA: ClassVar[str] = "docking_state/3"
     frame_sequence: Count
     capture_ns: Ns
     valid: bool  # the pose can be used; stays true while the estimator predicts through bad frames
@@ -51,3 +51,5 @@ class DockingState:
     spots: Count  # found in the image
     frames_seen: Count  # since the process started
     frames_dropped: Count
+    # hash of the lens, mounting and LEDs that the estimator goes by, taught images taken into account; empty: unknown
+    geometry: Annotated[str, Field(max_length=16)] = ""

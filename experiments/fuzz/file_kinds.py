@@ -21,8 +21,8 @@ from common.timing import SteppedClock
 from experiments.fuzz.files import FileKind
 from follower.camera.calibration_file import age_days, stored, unlike
 from follower.can_bridge.bridge import Bridge
+from follower.model.taught import Taught, calibration_hash, save, taught_images, taught_name
 from follower.supervisor.sequence import DockingSequence
-from follower.supervisor.taught import Taught, calibration_hash, save, taught_images, taught_name
 from leader import queue_file
 from leader.sequence import LeaderSequence
 

@@ -12,6 +12,7 @@ from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_MS, NS_PER_S
 from follower.controller.docking import DockingController, Twist
 from follower.controller.methods import make_method
+from follower.model.taught import taught_robots
 
 STATES_PER_COMMAND = 3
 # states that come late are not waited for until there are three: the next one is used, or none, before the gate finds
@@ -31,8 +32,9 @@ class ControllerNode(Node):
     def __init__(self, context: NodeContext) -> None:
         self._clock = context.clock
         self._base = context.config.base
-        self._method = make_method(context.config)
-        self._controller = DockingController(context.config, self._method)
+        config = taught_robots(context.config, context.config_path)
+        self._method = make_method(config)
+        self._controller = DockingController(config, self._method)
         self._deadline_ns = round(context.config.controller.deadline_ms * NS_PER_MS)
         self._last_stepped = -STATES_PER_COMMAND
         self._sequence = 0

@@ -15,6 +15,7 @@ from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
 from follower.estimator.state import StateEstimator
 from follower.model.odometry import FASTEST_RAD_S, PoseIncrement, WheelOdometry
+from follower.model.taught import taught_robots
 
 _NO_DOCKING = ("idle", "done", "aborted")
 
@@ -33,7 +34,7 @@ class EstimatorNode(Node):
         self._reader = FrameReader(context.runtime)
         self._odometry = WheelOdometry(self._base)
         self._measured = (0.0, 0.0)
-        self._estimator = StateEstimator(context.config)
+        self._estimator = StateEstimator(taught_robots(context.config, context.config_path))
         cv2.setNumThreads(1)
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:

@@ -17,6 +17,7 @@ from common.timing import NS_PER_MS
 from follower.estimator.detection import Detection
 from follower.estimator.observer import RelativeObserver
 from follower.estimator.pipeline import Perception
+from follower.model.taught import geometry_tag
 
 # an image that is not of now: what it shows is not carried on either
 _DEAD: frozenset[StateCause] = frozenset({"frozen_camera", "not_following"})
@@ -29,15 +30,21 @@ ThetaRoute = Callable[[Array, Array, float], float | None]
 
 
 class StateEstimator:
-    """One call of :meth:`step` per frame, or without a frame when none came."""
+    """One call of :meth:`step` per frame, or without a frame when none came.
 
-    def __init__(self, config: Config) -> None:
+    Args:
+        config: the robots.
+        perception: another one than of images, for experiments; None: of images.
+    """
+
+    def __init__(self, config: Config, perception: Perception | None = None) -> None:
         self._config = config
-        self._perception = Perception(config)
+        self._perception = perception or Perception(config)
         self._observer = RelativeObserver(config.leds.points, config.camera.mount, config.estimator)
         self._sigma = config.estimator.pixel_sigma_px / config.camera.lens.fx_px
         self._by_homography = config.estimator.method == "paper"
         self._homography = _homography_route(config)
+        self._geometry = geometry_tag(config)
         self._coast_ns = round(config.estimator.coast_ms * NS_PER_MS)
         self._measured_ns: int | None = None
         self._refused = 0
@@ -153,6 +160,7 @@ class StateEstimator:
             spots=detection.spots,
             frames_seen=self._seen,
             frames_dropped=self._dropped,
+            geometry=self._geometry,
         )
 
 

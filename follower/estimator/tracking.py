@@ -160,15 +160,20 @@ class ArrayTracker:
         if len(chosen) - chosen.count(-1) < _FEWEST:
             return len(spots)
         features = np.where(np.array(chosen)[:, None] >= 0, self._lens.to_normalised(spots.pixels)[chosen], np.nan)
-        agreed = self._agreed(features, expected)
+        agreed = self.agreed(features, expected)
         if agreed is None or not self._expected(agreed[1], expected, unseen_frames):
             return len(spots)
         kept, fitted = agreed
         found = np.where(np.isfinite(kept[:, 0]), spots.mass[chosen], np.nan)
         return Followed(kept, fitted, _filtered(mass, found), len(spots))
 
-    def _agreed(self, features: Array, expected: Array) -> tuple[Array, PlanarFit] | None:
-        """The features that fit one pose, at most one left out; None if they do not agree."""
+    def agreed(self, features: Array, expected: Array) -> tuple[Array, PlanarFit] | None:
+        """The features that fit one pose, at most one left out; None if they do not agree.
+
+        Args:
+            features: (n, 2) normalised, NaN where a LED is not seen.
+            expected: (5,) predicted state x, y, θ, pitch, roll.
+        """
         fitted = fit_one(self._model, features, expected)
         missing = int(np.isnan(features[:, 0]).sum())
         bound = _CHI2_PARTIAL if missing else _CHI2_FULL

@@ -13,6 +13,7 @@ from common.kinematics import path_from_wheels
 from common.messages import Drives
 from common.timing import NS_PER_S
 from follower.model.dead_reckoning import WheelReckoning
+from follower.model.taught import geometry_tag
 from follower.standstill import Standstill
 from follower.supervisor.image_trust import NOT_FOLLOWING, ImageTrust
 from follower.supervisor.interface import Grip, SupervisorInputs
@@ -37,6 +38,7 @@ REARMING_CAUSES: Final = frozenset(
         BAD_MESSAGE,
     }
 )
+OTHER_GEOMETRY: Final = "the estimator goes by other taught images or measures: restart davpc-follower.target"
 
 
 @dataclass(kw_only=True)
@@ -51,7 +53,7 @@ class Attempt:
     config: Config
     trolley: int
     epoch: int
-    taught: Mapping[int, Array] | None
+    taught: Mapping[int, Pose2] | None
     reckoning: WheelReckoning
     standstill: Standstill
     grip: Grip = "closed"
@@ -64,18 +66,17 @@ class Attempt:
     pauses: int = 0
     contact_begin_m: float | None = None
     trust: ImageTrust = field(init=False)
+    geometry: str = field(init=False)
     goal: Pose2 = field(init=False)
     desired: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Desired features: as taught, or from geometry."""
-        config = self.config
+        """The goal, and the features there: taught images have corrected the geometry that gives them."""
+        config, taught = self.config, self.taught or {}
         self.trust = ImageTrust(config)
-        self.goal = config.docking.goal(self.trolley)
-        if self.taught is not None:
-            self.desired = self.taught[self.trolley]
-        else:
-            self.desired = features_at(config.leds.points, self.goal, config.camera.mount)
+        self.geometry = geometry_tag(config)
+        self.goal = taught.get(self.trolley, config.docking.goal(self.trolley))
+        self.desired = features_at(config.leds.points, self.goal, config.camera.mount)
 
     @property
     def rearmed(self) -> int:
@@ -143,6 +144,8 @@ class Attempt:
             return "no docking state"
         if inputs.state.cause == "not_following" or (inputs.state.valid and self.trust.doubted):
             return NOT_FOLLOWING
+        if inputs.state.geometry not in ("", self.geometry):
+            return OTHER_GEOMETRY
         return "" if inputs.state.valid else f"LEDs not acquired ({inputs.state.cause})"
 
     def leader_unready(self, inputs: SupervisorInputs) -> str:

@@ -25,6 +25,7 @@ from common.files.writer import state_directory
 from common.messages import DockRequest, FollowerSummary, Mission
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.timing import NS_PER_S
+from follower.model.taught import taught_geometry
 from follower.supervisor.attempt import undervoltage
 from follower.supervisor.attempt_report import AttemptReport
 from follower.supervisor.fitness import CalibrationWatch, certificate_unfit
@@ -34,7 +35,6 @@ from follower.supervisor.late_watch import LateWatch
 from follower.supervisor.manual import ManualInputs, ManualMode
 from follower.supervisor.run_watch import RunWatch
 from follower.supervisor.sequence import DockingSequence
-from follower.supervisor.taught import taught_images
 
 _STEPS_PER_SUMMARY = 2
 _TIMED = (DRIVES, ARM_STATE)  # of processes whose loops wait for no camera
@@ -57,13 +57,14 @@ class SupervisorNode(Node):
         Raises:
             ConfigError: they are missing or of another calibration.
         """
-        taught = taught_images(context.config, context.config_path)
-        self._sequence = DockingSequence(context.config, context.run_id, taught)
+        taught = taught_geometry(context.config, context.config_path)
+        config = context.config if taught is None else taught.config
+        self._sequence = DockingSequence(config, context.run_id, None if taught is None else taught.goals)
         self._base = context.config.base
         self._manual = ManualMode(context.config, context.run_id)
         self._phase = self._sequence.phase
         self._steps = 0
-        self._report = AttemptReport(context.config)
+        self._report = AttemptReport(config)
         self._journal = Journal(state_directory(context.config.state_directory, context.runtime))
         self._runs = RunWatch()
         self._late = LateWatch()

@@ -11,7 +11,7 @@ from typing import Final
 
 from common.causes import cause_code, needs_reset
 from common.config import Config
-from common.geometry import Array
+from common.geometry import Pose2
 from common.messages import Answer, DockRequest, FollowerSummary, Mission, Phase
 from common.timing import NS_PER_S
 from follower.model.dead_reckoning import WheelReckoning
@@ -51,10 +51,10 @@ class DockingSequence:
     Args:
         config: the pair's configuration.
         run_id: of this start of the supervisor, so that no epoch of an earlier run repeats.
-        taught: (n, 2) desired features by trolley; None: from geometry.
+        taught: where taught dockings end, {L} in {F}, by trolley; all others end at their goals.
     """
 
-    def __init__(self, config: Config, run_id: int, taught: Mapping[int, Array] | None = None) -> None:
+    def __init__(self, config: Config, run_id: int, taught: Mapping[int, Pose2] | None = None) -> None:
         self._config = config
         self._taught = taught
         self._epoch = run_id
@@ -157,19 +157,17 @@ class DockingSequence:
             self._follow(PhaseResult("reset"), inputs)
             self._resets += 1
             return Answer(request.id, "done", "idle")
-        refusal = self._refusal(request, inputs)
+        refusal = self._refusal(inputs)
         if refusal:
             return Answer(request.id, "refused", refusal)
         self._begin(request.trolley, inputs)
         return Answer(request.id, "accepted", f"docking trolley {request.trolley}")
 
-    def _refusal(self, request: DockRequest, inputs: SupervisorInputs) -> str:
+    def _refusal(self, inputs: SupervisorInputs) -> str:
         if self._phase not in ENDED:
             return f"phase {self._phase} is under way"
         if self._latched():
             return f"stopped by {self._cause}: reset first (davpc dock reset)"
-        if self._taught is not None and request.trolley not in self._taught:
-            return f"docking {request.trolley} is not taught (docking.taught_dir)"
         return inputs.unfit
 
     def _latched(self) -> bool:
@@ -182,7 +180,7 @@ class DockingSequence:
         self._attempt = self._new_attempt(trolley, self._taught, self._attempt.grip)
         self._follow(PhaseResult("start"), inputs)
 
-    def _new_attempt(self, trolley: int, taught: Mapping[int, Array] | None, grip: Grip) -> Attempt:
+    def _new_attempt(self, trolley: int, taught: Mapping[int, Pose2] | None, grip: Grip) -> Attempt:
         return Attempt(
             config=self._config,
             trolley=trolley,

@@ -16,10 +16,10 @@ from common.config import default_config_path
 from common.errors import ConfigError
 from common.geometry import Pose2
 from follower.estimator.spots import SpotRule
-from follower.supervisor.taught import save, taught_name
+from follower.model.taught import save, taught_name
 from station.calibrate.focus import focus_report
 from station.calibrate.frames import measured, open_frames, valid_states
-from station.calibrate.teach import TeachError
+from station.calibrate.teach import TeachError, as_configured
 from station.calibrate.teach import teach as average
 from station.options import ConfigOption, RuntimeOption, SetOption, loaded, writable
 
@@ -81,14 +81,18 @@ def teach(
 ) -> None:
     """Store the desired image of docking K from a robot that stands at its docked pose. `davpc teach 1`
 
-    The robot docks by it once docking.taught_dir of the configuration names the folder.
+    Once docking.taught_dir of the configuration names the folder, estimator, controller and supervisor go by it from
+    their next start on. All dockings gain, most if a second one is taught, three or more trolleys on.
     """
     robots = loaded(config, overrides)
     path = writable(out or Path(taught_name(trolley)))
     states = valid_states(robots, runtime, frames)
-    features = [measured(state) for state in states]
     poses = [Pose2(state.x_m, state.y_m, state.theta_rad) for state in states]
     try:
+        geometry = states[-1].geometry if states else ""
+        features = as_configured(
+            robots, config or default_config_path(), geometry, [measured(state) for state in states]
+        )
         taught = average(robots, trolley, features, poses)
     except TeachError as error:
         raise ConfigError(f"docking {trolley}: {error}") from error

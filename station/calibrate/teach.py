@@ -7,12 +7,14 @@ taken with, and compared with the desired features that the geometry gives.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from common.config import Config
 from common.geometry import Array, Pose2, features_at
-from follower.supervisor.taught import Taught, calibration_hash
+from follower.estimator.lens import Lens
+from follower.model.taught import Taught, calibration_hash, geometry_tag, taught_robots
 from station.calibrate.mount import FEWEST_FRAMES, STEADY_PX
 
 
@@ -57,6 +59,27 @@ def teach(config: Config, trolley: int, features: Sequence[Array], poses: Sequen
         offset_px,
         len(stack),
     )
+
+
+def as_configured(config: Config, config_path: Path, geometry: str, features: Sequence[Array]) -> list[Array]:
+    """Features of a running estimator as lens and mounting of the configuration give them: what is stored.
+
+    Args:
+        config: the robots.
+        config_path: beside it lie the images that may have corrected the estimator's geometry.
+        geometry: tag of the estimator's geometry; empty: as configured.
+        features: (n, 2) of each frame, NaN where a LED was not seen.
+
+    Raises:
+        TeachError: the estimator goes by neither.
+    """
+    if geometry in ("", geometry_tag(config)):
+        return list(features)
+    corrected = taught_robots(config, config_path)
+    if geometry != geometry_tag(corrected):
+        raise TeachError("the estimator goes by another configuration or other images: restart it, then teach")
+    used, configured = Lens(corrected.camera), Lens(config.camera)
+    return [configured.to_normalised(used.to_pixels(one)) for one in features]
 
 
 def _too_few(features: Sequence[Array], whole: int) -> str:

@@ -17,7 +17,7 @@ from common.channels import DOCKING_STATE, DRIVES, FOLLOWER_GATEWAY, LEADER_GATE
 from common.config import BusConfig, Config, load_config
 from common.processes import ONE_MACHINE, PROCESSES
 from follower.camera.calibration_file import StoredCalibration, stored
-from follower.supervisor.taught import taught_images
+from follower.model.taught import taught_images
 from gateway.access import Robot, robot_access
 from gateway.credentials import check_credentials, credentials_folder
 from station.doctor import can as doctor_can

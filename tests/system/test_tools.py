@@ -18,7 +18,7 @@ import typer
 
 from common.config import Config
 from common.geometry import Pose2, features_at
-from follower.supervisor.taught import load
+from follower.model.taught import load
 from station.calibrate.mount_file import load_views
 from station.cli import app
 from tests.rigs.station_rig import davpc, davpc_in_process

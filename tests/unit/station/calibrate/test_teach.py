@@ -10,8 +10,9 @@ import pytest
 from common.config import CameraConfig, Config
 from common.errors import ConfigError
 from common.geometry import Pose2, features_at
-from follower.supervisor.taught import calibration_hash, load, save
-from station.calibrate.teach import TeachError, teach
+from follower.estimator.lens import Lens
+from follower.model.taught import calibration_hash, geometry_tag, load, save, taught_robots
+from station.calibrate.teach import TeachError, as_configured, teach
 from tests.rigs.mount_rig import docked
 
 
@@ -63,3 +64,16 @@ def test_taught_image_is_kept_and_refused_under_another_calibration(config: Conf
         path.write_text(broken)
         with pytest.raises(ConfigError, match=r"docking1\.json"):
             load(path, config.camera)
+
+
+def test_features_of_a_corrected_estimator_are_stored_as_configured(config: Config, tmp_path: Path) -> None:
+    path = tmp_path / "robots.toml"
+    save(teach(config, 1, *docked(config)), tmp_path / "taught-1.json")
+    robots = config.model_copy(update={"docking": config.docking.model_copy(update={"taught_dir": str(tmp_path)})})
+    corrected = taught_robots(robots, path)
+    features, _ = docked(config)
+    seen = [Lens(corrected.camera).to_normalised(Lens(config.camera).to_pixels(one)) for one in features]
+    assert as_configured(robots, path, geometry_tag(corrected), seen)[0] == pytest.approx(features[0])
+    assert as_configured(robots, path, geometry_tag(robots), features)[0] is features[0]
+    with pytest.raises(TeachError, match="restart it, then teach"):
+        as_configured(robots, path, "0123456789abcdef", features)

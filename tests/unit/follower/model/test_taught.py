@@ -14,10 +14,20 @@ from common.geometry import Array, Pose2, features_at
 from common.messages import DockRequest
 from common.node import NodeContext
 from common.timing import NS_PER_S, SteppedClock
+from follower.estimator.lens import Lens
+from follower.model.taught import (
+    Taught,
+    calibration_hash,
+    geometry_tag,
+    save,
+    taught_geometry,
+    taught_images,
+    taught_robots,
+)
 from follower.supervisor.interface import SupervisorInputs
 from follower.supervisor.node import SupervisorNode
 from follower.supervisor.sequence import DockingSequence
-from follower.supervisor.taught import Taught, calibration_hash, save, taught_images
+from tests.rigs.supervisor_rig import Bench
 
 NOW_NS = 10 * NS_PER_S
 
@@ -40,26 +50,52 @@ def test_without_a_folder_geometry_gives_the_image(config: Config, tmp_path: Pat
     assert taught_images(config, tmp_path / "robots.toml") is None
 
 
-def test_the_mission_carries_the_taught_image_and_an_untaught_docking_is_refused(
-    config: Config, tmp_path: Path
-) -> None:
+def test_all_processes_go_by_the_taught_image_and_the_mission_sends_its_goal(config: Config, tmp_path: Path) -> None:
     (tmp_path / "images").mkdir()
     for trolley in (1, 3):
         save(image(config, trolley), tmp_path / "images" / f"taught-{trolley}.json")
-    taught = taught_images(with_folder(config, "images"), tmp_path / "robots.toml")
-    assert taught is not None
-    assert set(taught) == {1, 3}
-    sequence = DockingSequence(config, 1000, taught)
+    robots, path = with_folder(config, "images"), tmp_path / "robots.toml"
+    found = taught_geometry(robots, path)
+    assert found is not None
+    assert set(found.goals) == {1, 3}
+    assert geometry_tag(taught_robots(robots, path)) == geometry_tag(found.config) != geometry_tag(config)
+    sequence = DockingSequence(found.config, 1000, found.goals)
+    seen = SupervisorInputs(
+        now_ns=NOW_NS, state=None, drives=None, arms=None, leader=None, controller_alive=False, requests=(request(3),)
+    )
+    taken = sequence.step(seen)
+    assert taken.answers[0].outcome == "accepted"
+    used, configured = Lens(found.config.camera), Lens(config.camera)
+    wanted = configured.to_normalised(used.to_pixels(np.array(taken.mission.desired_features)))
+    assert wanted == pytest.approx(image(config, 3).features, abs=3e-4)  # 0.1 px: but for the robot's tilt
+    assert taken.mission.goal_theta_rad == found.goals[3].theta_rad != 0.0
+
+
+def test_an_untaught_docking_ends_at_its_goal(config: Config) -> None:
+    sequence = DockingSequence(config, 1000, {1: Pose2(1.501, 0.001, 0.002)})
     seen = SupervisorInputs(
         now_ns=NOW_NS, state=None, drives=None, arms=None, leader=None, controller_alive=False, requests=(request(2),)
     )
-    refused = sequence.step(seen)
-    assert refused.answers[0].outcome == "refused"
-    assert "docking 2 is not taught" in refused.answers[0].reason
-    assert sequence.phase == "idle"
-    taken = sequence.step(replace(seen, requests=(request(3),)))
-    assert taken.answers[0].outcome == "accepted"
-    assert np.array(taken.mission.desired_features) == pytest.approx(image(config, 3).features)
+    assert sequence.step(seen).answers[0].outcome == "accepted"
+    assert sequence.attempt.goal == config.docking.goal(2)
+
+
+def test_an_estimator_of_another_geometry_is_not_followed(config: Config) -> None:
+    bench = Bench(config)
+    bench.to_approach()
+    assert bench.seen.state is not None
+    decided = bench.step(state=replace(bench.seen.state, geometry="0123456789abcdef"))
+    assert decided.mission.motion == "hold"
+    assert "restart davpc-follower.target" in decided.mission.waiting
+
+
+def test_an_image_that_no_tolerance_explains_is_refused(config: Config, tmp_path: Path) -> None:
+    good = image(config, 1)
+    swapped = replace(good, features=good.features[[1, 0, 2, 3]])
+    save(swapped, tmp_path / "taught-1.json")
+    with pytest.raises(ConfigError, match=r"times docking\.taught's tolerances .*: measure camera and LEDs") as said:
+        taught_robots(with_folder(config, str(tmp_path)), tmp_path / "robots.toml")
+    assert "\n" not in str(said.value)
 
 
 @pytest.mark.parametrize("fault", ["missing", "calibration", "renamed", "one led short", "spoilt"])

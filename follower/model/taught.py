@@ -1,4 +1,7 @@
-"""Desired images on disk: stored by ``davpc teach K``, used by the supervisor if ``docking.taught_dir`` is set."""
+"""Desired images on disk: stored by ``davpc teach K``; with ``docking.taught_dir`` set they correct the geometry.
+
+Estimator, controller and supervisor correct their configuration alike, each at its start.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +18,12 @@ from common.config import CameraConfig, Config, Coordinate, NonNegative, Section
 from common.errors import ConfigError
 from common.files.parsing import UnreadableError, parse_json, read_text
 from common.geometry import Array, Pose2
+from follower.model.taught_geometry import TaughtGeometry, corrected
 
 _SCHEMA = "taught/1"
+# beyond: the LEDs are in another order, the image is of another docking, or a measure is grossly wrong
+_MOST_UNEXPLAINED_PX = 0.5
+_MOST_SIGMAS = 6.0
 
 
 @dataclass(frozen=True)
@@ -25,7 +32,7 @@ class Taught:
 
     Attributes:
         trolley: K.
-        features: (n, 2) normalised desired coordinates by LED.
+        features: (n, 2) coordinates by LED, not levelled, normalised by lens and mounting as configured.
         spread_px: largest standard deviation of a coordinate over the frames.
         pose: mean fitted pose of {L} in {F}.
         calibration: hash of lens and mounting.
@@ -131,3 +138,38 @@ def taught_images(config: Config, config_path: Path) -> dict[int, Array] | None:
             raise ConfigError(f"{path}: not one point for each of the {len(config.leds.points)} LEDs")
         found[taught.trolley] = taught.features
     return found
+
+
+def taught_geometry(config: Config, config_path: Path) -> TaughtGeometry | None:
+    """Camera and LEDs as the images of ``docking.taught_dir`` show them; None without any.
+
+    Raises:
+        ConfigError: as :func:`taught_images`, or errors within their tolerances do not explain the images.
+    """
+    images = taught_images(config, config_path)
+    if images is None:
+        return None
+    found = corrected(config, images)
+    if found.unexplained_px > _MOST_UNEXPLAINED_PX or found.sigmas > _MOST_SIGMAS:
+        raise ConfigError(
+            f"docking.taught_dir: {config.docking.taught_dir}: the images differ from camera and LEDs as configured "
+            f"by {found.sigmas:.0f} times docking.taught's tolerances ({found.unexplained_px:.1f} px unexplained): "
+            "measure camera and LEDs, or teach again"
+        )
+    return found
+
+
+def taught_robots(config: Config, config_path: Path) -> Config:
+    """The configuration that estimator and controller go by: corrected by taught images, if there are any.
+
+    Raises:
+        ConfigError: as :func:`taught_geometry`.
+    """
+    found = taught_geometry(config, config_path)
+    return config if found is None else found.config
+
+
+def geometry_tag(config: Config) -> str:
+    """Short hash of what features and poses depend on: lens, mounting and LEDs."""
+    relevant = [calibration_hash(config.camera), config.leds.model_dump(include={"positions_m"}, mode="json")]
+    return hashlib.sha256(json.dumps(relevant, sort_keys=True).encode()).hexdigest()[:16]
