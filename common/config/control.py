@@ -48,6 +48,9 @@ class CompensationConfig(Section):
 
     bandwidth_rad_s: Positive
     observer_input: Literal["command", "wheel"]
+    initial_state: Annotated[
+        Literal["measured", "observer"], Field(description="x_init: as measured, or as the observer filters it")
+    ] = "observer"
     feature_bound: Annotated[float, Field(gt=0, description="bound of each feature's disturbance, 1/s")]
     theta_bound_rad_s: Positive
 
@@ -62,7 +65,10 @@ class ControllerConfig(Section):
     terminal_weight_theta: NonNegative
     effort_weight: Annotated[Pair, Field(description="diagonal of R: v, ω")]
     visibility_margin_px: NonNegative
-    deadline_ms: Positive
+    deadline_ms: Annotated[float, Field(gt=0, description="a plan that took longer is dropped")]
+    solve_limit_ms: Annotated[
+        float, Field(gt=0, le=60_000, description="wall time after which a solve of the paper's problem is ended")
+    ] = 250.0
     realtime: RealtimeConfig
     compensation: CompensationConfig
 

@@ -16,6 +16,8 @@ from follower.controller.interface import FeatureState, Goal, Plan, PlanStatus, 
 from follower.controller.limits import visibility_bounds
 from follower.paper.model import extended_state
 
+MOST_S = 60.0  # of a solve
+
 
 class PlainIpopt:
     """Through ``casadi.Opti``, without any tuning."""
@@ -42,7 +44,7 @@ class PlainIpopt:
         return Plan(PlanStatus.SOLVED, u[0], u[1], float(solution.value(opti.f)), 0, states)
 
     def _build(self) -> None:
-        config, limits = self._config.controller, self._config.limits
+        config, bounds = self._config.controller, self._config.limits
         horizon, period_s = config.horizon, config.period_ms * 1e-3
         opti = self._opti = ca.Opti()
         x, u = opti.variable(self._size, horizon + 1), opti.variable(2, horizon)
@@ -62,11 +64,12 @@ class PlainIpopt:
             opti.subject_to(opti.bounded(-self._bounds[2], u[1, k], self._bounds[2]))
             opti.subject_to(opti.bounded(low, x[:-1, k + 1], high))
             if k:
-                step = [limits.controller_dv_m_s, limits.controller_dw_rad_s]
+                step = [bounds.controller_dv_m_s, bounds.controller_dw_rad_s]
                 opti.subject_to(opti.bounded([-step[0], -step[1]], u[:, k] - u[:, k - 1], step))
             cost += config.effort_weight[0] * u[0, k] ** 2 + config.effort_weight[1] * u[1, k] ** 2
         opti.minimize(cost)
-        opti.solver("ipopt", {"print_time": False}, {"print_level": 0, "sb": "yes"})
+        limits = {"max_wall_time": MOST_S}  # seen by IPOPT between two iterations
+        opti.solver("ipopt", {"print_time": False}, {"print_level": 0, "sb": "yes", **limits})
 
 
 def _rate(x: ca.MX, u: ca.MX, heights: Array, camera: Array) -> ca.MX:

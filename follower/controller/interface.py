@@ -25,6 +25,7 @@ class PlanStatus(Enum):
 
     SOLVED = "solved"
     ITERATION_LIMIT = "iteration_limit"
+    TIME_LIMIT = "time_limit"
     INFEASIBLE = "infeasible"
     NUMERICAL_FAILURE = "numerical_failure"
     FLIPPED_FEATURE = "flipped_feature"

@@ -30,6 +30,8 @@ COLD_STEPS = 5  # without a warm start; closed loop does the rest
 CONVERGED = 1e-5
 TOLERANCE = 1e-6
 OPTIMALITY = 1e-6  # of the KKT residual, relative to the gradient; daqp ends near 1e-14
+MOST_GIVEN = 1e3  # metres, metres a second, normalised: what is larger, or not a number, is no state of this robot
+MOST_ITERATIONS = 500  # of daqp; a problem takes tens
 NEAR_EDGE = 0.2  # normalised; features farther inside get no row
 _SOFT = 8  # daqp's flag of a constraint that may be violated at a cost
 _STATUSES = {-1: PlanStatus.INFEASIBLE, -4: PlanStatus.ITERATION_LIMIT}
@@ -111,8 +113,8 @@ class RealtimeController:
         pose, disturbance, wheels = state.leader_in_follower, state.disturbance, state.wheels
         desired = goal.outputs()
         horizon = self._knots.basis.shape[0]
-        finite = np.isfinite([*pose.as_array(), *(wheels or ()), *astuple(disturbance)])
-        sound = desired.size == self._terminal_weight.size and finite.all() and np.isfinite(desired).all()
+        given = np.array([*pose.as_array(), *(wheels or ()), *astuple(disturbance), *desired])
+        sound = desired.size == self._terminal_weight.size and bool(np.all(np.abs(given) <= MOST_GIVEN))
         if not sound or not possible_request(caps, last_applied, self._limits):
             return failed_plan(PlanStatus.INVALID_INPUT, horizon, 3)
         if self._arrived(pose, desired, disturbance):
@@ -205,7 +207,11 @@ class RealtimeController:
         high = np.concatenate([upper, self._rate_bounds, row_upper])
         low = np.concatenate([lower, -self._rate_bounds, row_lower])
         soft = np.repeat(np.array([0, _SOFT], np.int32), [lower.size + self._rate_bounds.size, len(rows)])
-        solution, _, flag, info = daqp.solve(hessian, gradient, matrix, high, low, soft, rho_soft=self._soft)
+        if not (np.isfinite(hessian).all() and np.isfinite(gradient).all() and np.isfinite(matrix).all()):
+            return PlanStatus.NUMERICAL_FAILURE, knots, 0
+        solution, _, flag, info = daqp.solve(
+            hessian, gradient, matrix, high, low, soft, rho_soft=self._soft, iter_limit=MOST_ITERATIONS
+        )
         status = self._checked(flag, solution, lower, upper)
         if status is PlanStatus.SOLVED:
             residual = quadratic_residual(hessian, gradient, matrix, (low, high), solution, info["lam"])

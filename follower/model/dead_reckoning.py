@@ -99,9 +99,12 @@ class DeadReckoning:
         step = states[:, :3] - self._state[POSE]
         step[:, 2] = np.arctan2(np.sin(step[:, 2]), np.cos(step[:, 2]))
         grown = self._covariance[POSE, POSE]
-        widest = float(np.linalg.eigvalsh(grown[:2, :2])[-1])
-        spread = covariances[:, :3, :3] + grown * min(1.0, _FARTHEST_OFF_M**2 / max(widest, 1e-12)) + self._floor
-        chi2 = (step * np.linalg.solve(spread, step[:, :, None])[:, :, 0]).sum(axis=1)
+        try:
+            widest = float(np.linalg.eigvalsh(grown[:2, :2])[-1])
+            spread = covariances[:, :3, :3] + grown * min(1.0, _FARTHEST_OFF_M**2 / max(widest, 1e-12)) + self._floor
+            chi2 = (step * np.linalg.solve(spread, step[:, :, None])[:, :, 0]).sum(axis=1)
+        except np.linalg.LinAlgError:  # a covariance that is none
+            return np.zeros(len(states), dtype=np.bool_)
         agreed: NDArray[np.bool_] = chi2 <= AGREES_CHI2
         return agreed
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from common.geometry import Array
@@ -15,7 +17,9 @@ def compensation(jacobian: Array, disturbance: Array) -> tuple[float, float]:
         disturbance: d̂, (2n+1,).
 
     Returns:
-        v [m/s], ω [rad/s].
+        v [m/s], ω [rad/s]; NaN where the numbers have diverged and nothing cancels them.
     """
+    if not (np.isfinite(jacobian).all() and np.isfinite(disturbance).all()):
+        return math.nan, math.nan
     v, w = -np.linalg.lstsq(jacobian, disturbance, rcond=None)[0]
     return float(v), float(w)

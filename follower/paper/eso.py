@@ -6,6 +6,7 @@ import numpy as np
 
 from common.config import CompensationConfig
 from common.geometry import Array, extended_interaction_matrix
+from follower.paper.model import MOST_OFF_AXIS
 
 
 class ExtendedStateObserver:
@@ -47,6 +48,8 @@ class ExtendedStateObserver:
         at = measured if valid else self.state
         jacobian = extended_interaction_matrix(at[:-1].reshape(-1, 2), self._heights, self._camera)
         predicted = self.state + duration_s * (jacobian @ [v_m_s, w_rad_s] + self.disturbance)
+        if not np.all(np.abs(predicted) <= MOST_OFF_AXIS):
+            predicted = self.state  # unseen for so long that the model diverges: it says nothing any more
         innovation = measured - predicted if valid else np.zeros_like(predicted)
         self.state = predicted + duration_s * 2 * self._bandwidth * innovation
         estimate = self.disturbance + duration_s * self._bandwidth**2 * innovation

@@ -8,7 +8,15 @@ from common.config import Config
 from common.geometry import Array, extended_interaction_matrix
 from common.messages import DockingState
 from common.timing import NS_PER_S
-from follower.controller.interface import FeatureController, FeatureState, Plan, Request, Velocity
+from follower.controller.interface import (
+    FeatureController,
+    FeatureState,
+    Plan,
+    PlanStatus,
+    Request,
+    Velocity,
+    failed_plan,
+)
 from follower.controller.limits import limited
 from follower.paper import nmpc
 from follower.paper.compensation import compensation
@@ -16,7 +24,7 @@ from follower.paper.eso import ExtendedStateObserver
 
 
 class PaperMethod:
-    """Sees every docking state, plans on some: features as measured, θ of the homography, d̂ of the observer."""
+    """Sees every docking state, plans on some: features, θ of the homography and d̂, all through the observer."""
 
     source = "compensated"
 
@@ -70,10 +78,14 @@ class PaperMethod:
             return plan, plan.first
         jacobian = extended_interaction_matrix(features, self._heights, self._camera)
         v, w = compensation(jacobian, self._observer.disturbance)
+        if not np.isfinite([v, w]).all():
+            return failed_plan(PlanStatus.NUMERICAL_FAILURE, len(plan.v_m_s), len(x)), (0.0, 0.0)
         return plan, limited((plan.first[0] + v, plan.first[1] + w), last, caps, self._config.limits)
 
     def _initial(self, state: DockingState) -> Array:
-        """x_init: as measured; what is missing from the filtered state."""
+        """x_init: the observer's state; or as measured, and what is missing from the filtered state."""
+        if self._config.controller.compensation.initial_state == "observer" and self._capture_ns is not None:
+            return self._observer.state
         measured = _measured(state)
         filtered = np.append(np.array(state.features_filtered).reshape(-1), state.theta_rad)
         return np.where(np.isfinite(measured), measured, filtered)

@@ -7,6 +7,8 @@ import numpy as np
 
 from common.geometry import Array
 
+MOST_OFF_AXIS = 100.0  # normalised, or rad: a feature or heading beyond is no measurement
+
 
 def extended_state(features: Array, theta_rad: float) -> Array:
     """``x = [s_0 … s_{n−1}, θ_L^F]``, (2n+1,).

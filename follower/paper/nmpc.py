@@ -17,12 +17,12 @@ from common.geometry import Array, Pinhole, Pose2, features_at
 from follower.controller.interface import FeatureState, Goal, Plan, PlanStatus, SpeedCaps, Velocity, failed_plan
 from follower.controller.limits import possible_request, reachable_bounds, visibility_bounds
 from follower.controller.optimality import worst_complementarity
-from follower.paper.model import extended_state, flipped_features
+from follower.paper.model import MOST_OFF_AXIS, extended_state, flipped_features
+from follower.paper.solver_process import Solution, SolverLostError, SolverProcess, SolveTooLongError
 from follower.paper.transcription import Transcription
 
 TOLERANCE = 1e-4
 OPTIMALITY = 1e-4  # of the KKT residuals; both solvers end below 1e-6
-MOST_OFF_AXIS = 100.0  # normalised: a feature or heading beyond is no measurement
 _STATUSES: dict[int | str, PlanStatus] = {  # fatrop's IpSolverReturnFlag and IPOPT's names
     1: PlanStatus.ITERATION_LIMIT,
     3: PlanStatus.INFEASIBLE,
@@ -73,11 +73,17 @@ class PaperNmpc:
         self._limits = limits
         self._shape = ProblemShape(len(points_l), controller.horizon)
         self._visible = visibility_bounds(pinhole, controller.visibility_margin_px, len(points_l))
-        self._solver, self._slope, self._constraint_bounds = self._build(solver)
+        built, self._slope, self._constraint_bounds = self._build(solver)
+        self._solver = SolverProcess(built, controller.solve_limit_ms * 1e-3)
         self._warm: Array | None = None
 
     def warm_up(self) -> None:
-        """Solve from three metres before the goal, twice: cold and from the first solution."""
+        """Solve from three metres before the goal, twice: cold and from the first solution.
+
+        Raises:
+            DeviceError: the solver's process does not start.
+        """
+        self._solver.start()
         caps = SpeedCaps(
             v_min_m_s=self._limits.v_min_m_s, v_max_m_s=self._limits.v_max_m_s, w_max_rad_s=self._limits.w_max_rad_s
         )
@@ -119,17 +125,19 @@ class PaperNmpc:
         self._warm = None
         try:
             answer = self._solver(x0=guess, p=parameters, lbx=low, ubx=high, lbg=lower, ubg=upper)
-        except RuntimeError:  # so CasADi reports that a solver broke off
+        except SolveTooLongError:
+            return failed_plan(PlanStatus.TIME_LIMIT, shape.horizon, shape.state)
+        except SolverLostError:
             return failed_plan(PlanStatus.NUMERICAL_FAILURE, shape.horizon, shape.state)
-        stats = self._solver.stats()
-        if not stats["success"] or not self._optimal(answer, parameters, low, high):
-            status = _STATUSES.get(stats["return_status"], PlanStatus.NUMERICAL_FAILURE)
-            return failed_plan(status, shape.horizon, shape.state, int(stats.get("iter_count", 0)))
-        return self._plan(np.asarray(answer["x"]).ravel(), float(answer["f"]), int(stats["iter_count"]))
+        iterations = int(answer.stats["iter_count"] or 0)
+        if not answer.stats["success"] or not self._optimal(answer, parameters, low, high):
+            status = _STATUSES.get(answer.stats["return_status"], PlanStatus.NUMERICAL_FAILURE)
+            return failed_plan(status, shape.horizon, shape.state, iterations)
+        return self._plan(answer.values["x"], float(answer.values["f"][0]), iterations)
 
-    def _optimal(self, answer: dict[str, Any], parameters: Array, low: Array, high: Array) -> bool:
+    def _optimal(self, answer: Solution, parameters: Array, low: Array, high: Array) -> bool:
         """Trust no status: a solution counts only if it keeps its constraints and the optimality conditions."""
-        x, g, lam_x, lam_g = (np.asarray(answer[name]).ravel() for name in ("x", "g", "lam_x", "lam_g"))
+        x, g, lam_x, lam_g = (answer.values[name] for name in ("x", "g", "lam_x", "lam_g"))
         lower, upper = self._constraint_bounds
         if not all(np.isfinite(part).all() for part in (x, g, lam_x, lam_g)):
             return False

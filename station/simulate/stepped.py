@@ -48,6 +48,8 @@ def run_stepped(run: Run) -> Collection:
         *run.overrides,
         'follower_can.bus.interface="stepped"',
         'leader_can.bus.interface="stepped"',
+        # so far beyond every solve that ends by itself that a busy computer cannot change a result
+        "controller.solve_limit_ms=60000",
     ]
     config = load_config(run.config_path, overrides)
     clock = SteppedClock()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Literal
 
 import casadi as ca
@@ -23,8 +24,11 @@ from follower.controller.interface import FeatureState, Goal, PlanStatus, SpeedC
 from follower.paper import nmpc as paper_nmpc
 from follower.paper.model import extended_state, symbolic_euler_step
 from follower.paper.nmpc import PaperNmpc
+from follower.paper.solver_process import Solution, SolverLostError, SolveTooLongError
 
-CONFIG = load_config(default_config_path(), ["controller.effort_weight=[0.003, 0.003]"])
+CONFIG = load_config(
+    default_config_path(), ["controller.effort_weight=[0.003, 0.003]", "controller.solve_limit_ms=20000"]
+)
 POINTS, CAMERA = CONFIG.leds.points, CONFIG.camera.mount
 HEIGHTS = CAMERA[2] - POINTS[:, 2]
 CAPS = SpeedCaps(
@@ -170,21 +174,21 @@ def test_a_wrong_number_of_points_is_a_status(controller: PaperNmpc) -> None:
 class _Solver:
     """Stands in for CasADi's: the true answer changed, a status of its own, or an exception."""
 
-    def __init__(self, honest: Any, scale: float = 1.0, status: object = None, broken: bool = False) -> None:
+    def __init__(
+        self, honest: Any, scale: float = 1.0, status: object = None, broken: type[Exception] | None = None
+    ) -> None:
         self._honest, self._scale, self._status, self._broken = honest, scale, status, broken
 
-    def __call__(self, **problem: Any) -> dict[str, Any]:
-        if self._broken:
-            raise RuntimeError("solver broke off")
-        answer: dict[str, Any] = dict(self._honest(**problem))
+    def __call__(self, **problem: Any) -> Solution:
+        if self._broken is not None:
+            raise self._broken
+        answer: Solution = self._honest(**problem)
         if self._scale != 1.0:
-            return answer | {"x": _slower(answer["x"], problem["p"], self._scale)}
-        return answer
-
-    def stats(self) -> dict[str, Any]:
+            slower = _slower(answer.values["x"], problem["p"], self._scale)
+            return replace(answer, values=answer.values | {"x": slower})
         if self._status is None:
-            return dict(self._honest.stats())
-        return {"success": False, "return_status": self._status, "iter_count": 7}
+            return answer
+        return replace(answer, stats={"success": False, "return_status": self._status, "iter_count": 7})
 
 
 def _slower(solution: Any, parameters: Array, scale: float) -> Array:
@@ -233,11 +237,17 @@ def test_each_solvers_way_to_fail_is_a_status(
     assert (plan.status, plan.iterations) == (expected, 7)
 
 
-def test_a_solver_that_breaks_off_is_a_status(monkeypatch: pytest.MonkeyPatch, controller: PaperNmpc) -> None:
-    monkeypatch.setattr(controller, "_solver", _Solver(controller._solver, broken=True))
+@pytest.mark.parametrize(
+    ("error", "expected"),
+    [(SolverLostError, PlanStatus.NUMERICAL_FAILURE), (SolveTooLongError, PlanStatus.TIME_LIMIT)],
+)
+def test_a_solver_that_breaks_off_is_a_status(
+    monkeypatch: pytest.MonkeyPatch, controller: PaperNmpc, error: type[Exception], expected: PlanStatus
+) -> None:
+    monkeypatch.setattr(controller, "_solver", _Solver(controller._solver, broken=error))
     pose = Pose2(4.0, 0.4, 0.1)
     plan = controller.solve(state_at(pose), GOAL, (0.0, 0.0), CAPS)
-    assert plan.status is PlanStatus.NUMERICAL_FAILURE
+    assert plan.status is expected
 
 
 @pytest.mark.parametrize("start", PAPER_STARTS)
