@@ -54,18 +54,3 @@ class ExtendedStateObserver:
         self.state = predicted + duration_s * 2 * self._bandwidth * innovation
         estimate = self.disturbance + duration_s * self._bandwidth**2 * innovation
         self.disturbance = np.clip(estimate, -self._bound, self._bound)
-
-
-def error_bound(bandwidth_rad_s: float, horizon_s: float = 60.0) -> float:
-    """κ + σ of eq. (23), the component bound |ε_i| ≤ μ ε_a(0) + γ (κ + σ), for one state and its disturbance.
-
-    With these gains ``e^{At}`` is known in closed form; the suprema are taken over a fine grid.
-    """
-    w = bandwidth_rad_s
-    inverse = np.linalg.inv(np.array([[-2 * w, 1.0], [-(w**2), 0.0]]))
-    times = np.linspace(0.0, horizon_s, 6001)
-    # e^{At} D for A = [[-2w, 1], [-w², 0]], D = [0, 1]
-    transition = np.stack([times * np.exp(-w * times), (1 + w * times) * np.exp(-w * times)])
-    kappa = np.abs(inverse @ transition).max()
-    sigma = np.abs(inverse @ [0.0, 1.0]).max()
-    return float(kappa + sigma)
