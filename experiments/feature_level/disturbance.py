@@ -8,7 +8,7 @@ from typing import Any
 
 from common.config import Config
 from experiments.feature_level.plots import draw_disturbed_runs
-from experiments.feature_level.runs import all_jobs, fly_job, make_case, metrics_job, table
+from experiments.feature_level.runs import Rows, all_jobs, fly_job, make_case, metrics_job
 from experiments.feature_level.scenes import (
     DISTURBANCES,
     DISTURBED_START,
@@ -18,11 +18,13 @@ from experiments.feature_level.scenes import (
     paper_start,
     random_pads,
 )
+from experiments.feature_level.sets import EVALUATION, SetName, Setting, disturbed_setting
 from experiments.feature_level.trial import Outcome
 from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import write_results
 
 METHODS = ("vpc", "paper", "davpc")
+SETS: tuple[SetName, ...] = ("lab", "evaluation")
 
 
 def run(
@@ -34,8 +36,9 @@ def run(
     methods: tuple[str, ...] = METHODS,
     cases: tuple[str, ...] = tuple(DISTURBANCES),
     pixels: bool = False,
+    sets: tuple[SetName, ...] = ("lab",),
 ) -> dict[str, Any]:
-    """Fly from the paper's start under each disturbance; write the results and the paper's figure.
+    """Fly under each disturbance; write the results and the paper's figure.
 
     Args:
         out: folder for the results.
@@ -44,31 +47,63 @@ def run(
         config: the robots.
         trials: runs of each method under each disturbance.
         methods: ``vpc`` is the paper's control without observer and compensation, ``paper`` with both.
-        cases: names from ``DISTURBANCES``.
+        cases: names from ``DISTURBANCES``; those that a set does not have are left out there.
         pixels: render every frame and put it through the whole perception, with the array as configured.
+        sets: of starts, disturbances and noise, see :mod:`experiments.feature_level.sets`. Outside the lab's the
+            name of the set is appended to that of the case.
     """
     level: Level = "pixels" if pixels else "features"
-    start = paper_start(DISTURBED_START)
-    todo = [
-        make_case(config, method, name, [start] * trials, DISTURBANCES[name], seed, level=level)
+    settings_of = {
+        (chosen, name): disturbed_setting(config, chosen, name, trials, seed)
+        for chosen in sets
         for name in cases
+        if chosen == "lab" or name in EVALUATION
+    }
+    todo = [
+        make_case(config, method, _case_name(chosen, name), setting, seed, level=level)
+        for (chosen, name), setting in settings_of.items()
         for method in methods
     ]
     pads = random_pads(seed)
-    shown = [make_case(config, method, "paper_pads", [start], pads, seed, level=level) for method in methods]
-    metrics = run_all(metrics_job, all_jobs(todo), workers, "disturbance")
-    outcomes: list[Outcome] = run_all(fly_job, all_jobs(shown), workers, "the paper's pads")
-    rows = table(todo, metrics) + table(shown, [outcome.metrics for outcome in outcomes])
-    settings = _settings(trials, cases) | level_settings(config, level, cases)
-    results = write_results(out, "disturbance", seed, settings, rows, list(PAPER_DISTURBANCE), config)
+    start = Setting([paper_start(DISTURBED_START)], [pads], 1)
+    shown = [make_case(config, method, "paper_pads", start, seed, level=level) for method in methods]
+    settings = _settings(trials, settings_of) | level_settings(config, level, cases)
+
+    def write(rows: list[dict[str, Any]]) -> dict[str, Any]:
+        return write_results(out, "disturbance", seed, settings, rows, list(PAPER_DISTURBANCE), config)
+
+    kept = Rows([*todo, *shown], write)
+    run_all(metrics_job, all_jobs(todo), workers, "disturbance", keep=kept.keep)
+    outcomes: list[Outcome] = run_all(
+        fly_job,
+        all_jobs(shown),
+        workers,
+        "the paper's pads",
+        keep=lambda job, outcome: kept.keep(job, outcome.metrics),
+    )
     traces = {method: outcome.trace for method, outcome in zip(methods, outcomes, strict=True)}
     draw_disturbed_runs(traces, pads.pads, out / "disturbance.png")
-    return results
+    return write(kept.rows())
 
 
-def _settings(trials: int, cases: tuple[str, ...]) -> dict[str, Any]:
+def _case_name(chosen: SetName, name: str) -> str:
+    return name if chosen == "lab" else f"{name}_{chosen}"
+
+
+def _settings(trials: int, settings_of: dict[tuple[SetName, str], Setting]) -> dict[str, Any]:
+    """What was flown; where each run has disturbances of its own, all of them."""
     return {
         "trials": trials,
         "start": list(DISTURBED_START),
-        "disturbances": {name: asdict(DISTURBANCES[name]) for name in cases},
+        "disturbances": {
+            _case_name(chosen, name): [asdict(each) for each in dict.fromkeys(setting.disturbances)]
+            for (chosen, name), setting in settings_of.items()
+        },
+        "starts": {
+            _case_name(chosen, name): [list(start.as_array()) for start in dict.fromkeys(setting.starts)]
+            for (chosen, name), setting in settings_of.items()
+        },
+        "noise_held_frames": {
+            _case_name(chosen, name): setting.held_frames for (chosen, name), setting in settings_of.items()
+        },
     }

@@ -71,7 +71,10 @@ class FrameMeasurement:
 
 
 class FeatureWorld:
-    """One robot, one array. Deterministic for a seed; time moves by :meth:`advance`."""
+    """One robot, one array. Deterministic for a seed; time moves by :meth:`advance`.
+
+    The noise of a frame is drawn again for every ``held_frames``-th one and stays the same in between.
+    """
 
     def __init__(
         self,
@@ -81,10 +84,13 @@ class FeatureWorld:
         disturbances: Disturbances,
         noise_px: float,
         noise_theta_rad: float,
+        held_frames: int = 1,
     ) -> None:
         self._config = config
         self._disturbances = disturbances
         self._noise = (noise_px, noise_theta_rad)
+        self._held_frames, self._frames = held_frames, 0
+        self._drawn: tuple[Array, float] = np.zeros((len(config.leds.positions_m), 2)), 0.0
         self._random = np.random.default_rng(seed)
         self.follower_in_leader = start
         self.command = (0.0, 0.0)
@@ -135,12 +141,15 @@ class FeatureWorld:
         return self._seen
 
     def measure(self, time_ns: int) -> FrameMeasurement:
-        """One frame with fresh noise."""
+        """One frame; its noise is drawn again, or that of the frame before if the noise is held."""
         noise_px, noise_theta = self._noise
         _, true, inside = self._look()
-        noisy = true + noise_px * self._random.standard_normal(true.shape)
+        if self._frames % self._held_frames == 0:
+            self._drawn = self._random.standard_normal(true.shape), self._random.standard_normal()
+        self._frames += 1
+        noisy = true + noise_px * self._drawn[0]
         noisy[np.logical_not(inside)] = np.nan
-        theta = wrap_angle(-self.follower_in_leader.theta_rad + noise_theta * self._random.standard_normal())
+        theta = wrap_angle(-self.follower_in_leader.theta_rad + noise_theta * self._drawn[1])
         return FrameMeasurement(time_ns, self._config.camera.pinhole.to_normalised(noisy), theta)
 
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Protocol
+from collections.abc import Mapping
 
 import numpy as np
 
-from common.geometry import Array, Pose2, extended_interaction_matrix, move_relative
+from common.geometry import Array, Pose2, extended_interaction_matrix
 from common.timing import NS_PER_MS
-from experiments.feature_level.baselines.graceful import FilteredPose, graceful
-from experiments.feature_level.baselines.ibvs import ibvs
-from experiments.feature_level.baselines.ke import KeController, goal_in_follower
+from experiments.feature_level.baselines.gains import tuned_gains
+from experiments.feature_level.baselines.graceful import GracefulGains, graceful
+from experiments.feature_level.baselines.ke import KeWeights
+from experiments.feature_level.baselines.pilots import IbvsPilot, KePilot
 from experiments.feature_level.feature_world import FrameMeasurement
-from experiments.feature_level.scenes import FRAME_RATE_HZ, NOISE_THETA_RAD
+from experiments.feature_level.scenes import NOISE_THETA_RAD
 from experiments.feature_level.start_fit import fit_start
-from experiments.feature_level.task import Task
+from experiments.feature_level.task import FRAME_S, Insight, Pilot, SolverEndedError, Task, Twist
 from follower.controller import realtime
 from follower.controller.interface import (
     FeatureController,
@@ -28,35 +28,49 @@ from follower.controller.interface import (
 from follower.controller.limits import limited
 from follower.controller.replay import PlanReplay
 from follower.estimator.observer import RelativeObserver
+from follower.model.motion import MotionDisturbance
 from follower.paper import nmpc
 from follower.paper.compensation import compensation
 from follower.paper.eso import ExtendedStateObserver
-from follower.paper.model import extended_state, flipped_features
-
-Twist = tuple[float, float]
-FRAME_S = 1.0 / FRAME_RATE_HZ
+from follower.paper.model import MOST_OFF_AXIS, extended_state, flipped_features
 
 
-@dataclass
-class Insight:
-    """What a method estimates, for the figures."""
+class ObservedPose:
+    """The default observer on the frames of a run: the pose and the disturbance that it estimates."""
 
-    disturbance: Array = field(default_factory=lambda: np.zeros(4))
-    compensation: Twist = (0.0, 0.0)
-    solves: int = 0
-    failures: int = 0
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._observer = RelativeObserver(task.points_l, task.camera, task.config.estimator)
+        self._now_ns: int | None = None
 
+    @property
+    def started(self) -> bool:
+        """Whether a frame has been seen."""
+        return self._now_ns is not None
 
-class Pilot(Protocol):
-    """A method in one run."""
+    @property
+    def disturbance(self) -> MotionDisturbance:
+        """As estimated."""
+        return self._observer.disturbance
 
-    insight: Insight
+    def see(self, measurement: FrameMeasurement, wheels: Twist) -> None:
+        """Predict with the wheels and correct with the frame."""
+        task = self._task
+        if self._now_ns is None:
+            pose, covariance = fit_start(
+                measurement.features, measurement.theta_rad, task.points_l, task.camera, task.sigma, NOISE_THETA_RAD
+            )
+            self._observer.reset(pose, 1.5 * covariance, measurement.time_ns)
+        else:
+            self._observer.predict(measurement.time_ns, *wheels)
+            self._observer.update(measurement.features, task.sigma, (measurement.theta_rad, NOISE_THETA_RAD))
+        self._now_ns = measurement.time_ns
 
-    def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:
-        """One frame; ``wheels`` is the twist measured since the last, ``applied`` what was commanded."""
-
-    def command(self, wheels: Twist, applied: Twist) -> Twist:
-        """The next command, from all that was seen."""
+    def at_effect(self, wheels: Twist) -> Pose2:
+        """The pose when a command of now takes effect."""
+        assert self._now_ns is not None
+        effect_ns = self._now_ns + round(self._task.config.base.latency_ms * NS_PER_MS)
+        return self._observer.pose_at(effect_ns, *wheels)
 
 
 class DavpcPilot:
@@ -65,32 +79,18 @@ class DavpcPilot:
     def __init__(self, task: Task, controller: PoseController) -> None:
         self.insight = Insight()
         self._task, self._controller = task, controller
-        self._observer = RelativeObserver(task.points_l, task.camera, task.config.estimator)
-        self._started = False
-        self._now_ns = 0
+        self._observed = ObservedPose(task)
         self._replay = PlanReplay()
         controller.reset()
 
     def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
-        """Predict with the wheels and correct with the frame."""
-        task, self._now_ns = self._task, measurement.time_ns
-        if not self._started:
-            sigma, theta = task.sigma, NOISE_THETA_RAD
-            pose, covariance = fit_start(
-                measurement.features, measurement.theta_rad, task.points_l, task.camera, sigma, theta
-            )
-            self._observer.reset(pose, 1.5 * covariance, measurement.time_ns)
-            self._started = True
-            return
-        self._observer.predict(measurement.time_ns, *wheels)
-        self._observer.update(measurement.features, task.sigma, (measurement.theta_rad, NOISE_THETA_RAD))
+        """Hand the frame to the observer."""
+        self._observed.see(measurement, wheels)
 
     def command(self, wheels: Twist, applied: Twist) -> Twist:
         """Plan from the pose at which the command takes effect."""
-        task, disturbance = self._task, self._observer.disturbance
-        effect_ns = self._now_ns + round(task.config.base.latency_ms * NS_PER_MS)
-        pose = self._observer.pose_at(effect_ns, *wheels)
-        state = MotionState(pose, disturbance, wheels)
+        task, disturbance = self._task, self._observed.disturbance
+        state = MotionState(self._observed.at_effect(wheels), disturbance, wheels)
         plan = self._controller.solve(state, task.servo_goal, applied, task.caps)
         self.insight.disturbance = np.array(
             [disturbance.gain, disturbance.turn_gain, disturbance.yaw_rad_s, disturbance.sideways_m_s]
@@ -101,34 +101,39 @@ class DavpcPilot:
 
 
 class PaperPilot:
-    """The paper's method on raw measurements; without ``compensate`` the paper's "VPC only"."""
+    """The paper's method; without ``compensate`` the paper's "VPC only": the same state, no u_C."""
 
     def __init__(self, task: Task, controller: FeatureController, compensate: bool) -> None:
         self.insight = Insight(np.zeros(2 * len(task.points_l) + 1))
         self._task, self._controller, self._compensate = task, controller, compensate
-        self._observer = ExtendedStateObserver(task.heights, task.camera, task.config.controller.compensation)
-        self._state: Array | None = None
+        self._config = task.config.controller.compensation
+        self._observer = ExtendedStateObserver(task.heights, task.camera, self._config)
+        self._measured: Array | None = None
         self._replay = PlanReplay()
         controller.reset()
 
     def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:
         """Measured state; a point out of view is carried on by eq. (17), the interaction matrix."""
         measured = extended_state(measurement.features, measurement.theta_rad)
-        if self._state is None:
-            self._state = measured
+        if self._measured is None:
+            self._measured = measured
             self._observer.reset(measured)
             return
-        known = self._task.config.controller.compensation.observer_input
-        self._observer.update(measured, *(applied if known == "command" else wheels), FRAME_S)
-        carried = self._state + FRAME_S * self._jacobian(self._state) @ np.array(wheels)
-        self._state = np.where(np.isfinite(measured), measured, carried)
+        self._observer.update(measured, *(applied if self._config.observer_input == "command" else wheels), FRAME_S)
+        carried = self._measured + FRAME_S * self._jacobian(self._measured) @ np.array(wheels)
+        if not np.all(np.abs(carried) <= MOST_OFF_AXIS):
+            carried = self._measured  # unseen for too long: it says nothing any more
+        self._measured = np.where(np.isfinite(measured), measured, carried)
 
     def command(self, wheels: Twist, applied: Twist) -> Twist:  # noqa: ARG002
         """Solve, compensate, saturate: Algorithm 1."""
-        task, state = self._task, self._state
-        assert state is not None
+        task = self._task
+        assert self._measured is not None
+        state = self._measured if self._config.initial_state == "measured" else self._observer.state
         features = state[:-1].reshape(-1, 2)
         plan = self._controller.solve(FeatureState(features, float(state[-1])), task.servo_goal, applied, task.caps)
+        if plan.status is PlanStatus.TIME_LIMIT:
+            raise SolverEndedError
         self.insight.solves += 1
         self.insight.failures += plan.status not in (PlanStatus.SOLVED, PlanStatus.FLIPPED_FEATURE)
         nominal = _driven(self._replay, plan)
@@ -150,83 +155,27 @@ def _driven(replay: PlanReplay, plan: Plan) -> Twist:
     return replay.next_input() or (0.0, 0.0)
 
 
-class IbvsPilot:
-    """Basic IBVS on the newest frame."""
-
-    def __init__(self, task: Task) -> None:
-        self.insight = Insight()
-        self._task, self._features = task, task.desired
-
-    def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
-        """Keep the frame."""
-        self._features = measurement.features
-
-    def command(self, wheels: Twist, applied: Twist) -> Twist:  # noqa: ARG002
-        """The law, saturated and rate-limited like all."""
-        task = self._task
-        return limited(
-            ibvs(self._features, task.desired, task.heights, task.camera), applied, task.caps, task.config.limits
-        )
-
-
-class KePilot:
-    """Ke et al., with the point whose depth is observed best."""
-
-    def __init__(self, task: Task) -> None:
-        self.insight = Insight()
-        limits = task.config.limits
-        self._task = task
-        self._point = int(np.argmax(np.abs(task.heights)))
-        self._goal_to_point = task.goal_leader_in_follower.as_array()[:2] + task.points_l[self._point, :2]
-        self._controller = KeController((limits.v_min_m_s, limits.v_max_m_s), limits.w_max_rad_s)
-        self._state: Array | None = None
-
-    def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
-        """State from one point and θ; carried on by the wheels while the point is out of view."""
-        feature, height = measurement.features[self._point], float(self._task.heights[self._point])
-        if np.isfinite(feature[0]) and feature[1] * height > 0:
-            theta = measurement.theta_rad
-            self._state = goal_in_follower(feature, theta, height, self._goal_to_point, self._task.camera)
-        elif self._state is not None:
-            moved = move_relative(Pose2(self._state[1], self._state[2], self._state[0]), *wheels, FRAME_S)
-            self._state = np.array([moved.theta_rad, moved.x_m, moved.y_m])
-
-    def command(self, wheels: Twist, applied: Twist) -> Twist:  # noqa: ARG002
-        """Velocity bounds only: the method has no rate limit."""
-        return self._controller.solve(self._state) if self._state is not None else (0.0, 0.0)
-
-
 class PoseBasedPilot:
-    """A pose of each frame, filtered in odometry, and the graceful controller."""
+    """Position-based: the default observer's pose, and the graceful controller."""
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: Task, gains: GracefulGains) -> None:
         self.insight = Insight()
-        self._task = task
-        self._filtered: FilteredPose | None = None
+        self._task, self._gains = task, gains
+        self._observed = ObservedPose(task)
         self._arrived = False
 
     def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
-        """Odometry always, the detection when all features are seen."""
-        task = self._task
-        if self._filtered is not None:
-            self._filtered.predict(move_relative(Pose2(0.0, 0.0, 0.0), *wheels, FRAME_S).inverse())
-        if not np.isfinite(measurement.features).all():
-            return
-        pose, _ = fit_start(
-            measurement.features, measurement.theta_rad, task.points_l, task.camera, task.sigma, NOISE_THETA_RAD
-        )
-        if self._filtered is None:
-            self._filtered = FilteredPose(pose)
-        self._filtered.correct(pose)
+        """Hand the frame to the observer."""
+        self._observed.see(measurement, wheels)
 
-    def command(self, wheels: Twist, applied: Twist) -> Twist:  # noqa: ARG002
+    def command(self, wheels: Twist, applied: Twist) -> Twist:
         """Towards the goal until it is reached once; then stand."""
         task = self._task
-        if self._filtered is None or self._arrived:
-            return limited((0.0, 0.0), applied, task.caps, task.config.limits)
-        goal = self._filtered.pose.compose(task.goal_leader_in_follower.inverse())
-        wanted = graceful(goal, task.config.limits.w_max_rad_s)
-        self._arrived = wanted == (0.0, 0.0)
+        wanted = (0.0, 0.0)
+        if self._observed.started and not self._arrived:
+            goal = self._observed.at_effect(wheels).compose(task.goal_leader_in_follower.inverse())
+            wanted = graceful(goal, task.config.limits.w_max_rad_s, self._gains)
+            self._arrived = wanted == (0.0, 0.0)
         return limited(wanted, applied, task.caps, task.config.limits)
 
 
@@ -234,12 +183,19 @@ METHODS = ("ibvs", "ke", "pose_based", "vpc", "paper", "davpc")
 
 
 class PilotFactory:
-    """Makes a method's pilots; its solver is built once, since that takes longer than a run's first second."""
+    """Makes a method's pilots; its solver is built once, since that takes longer than a run's first second.
 
-    def __init__(self, method: str, task: Task) -> None:
+    Args:
+        method: one of ``METHODS``.
+        task: robots and goal.
+        gains: of a baseline, by name; None: as tuned. Those of the other methods are in the configuration.
+    """
+
+    def __init__(self, method: str, task: Task, gains: Mapping[str, float] | None = None) -> None:
         if method not in METHODS:
             raise ValueError(f"method {method!r} is none of {', '.join(METHODS)}")
         self._method, self.task = method, task
+        self._gains = tuned_gains(method) if gains is None else dict(gains)
         self._own = realtime.make(task.config) if method == "davpc" else None
         self._papers = nmpc.make(task.config, "fatrop") if method in ("vpc", "paper") else None
         for controller in (self._own, self._papers):
@@ -253,5 +209,7 @@ class PilotFactory:
         if self._papers is not None:
             return PaperPilot(self.task, self._papers, compensate=self._method == "paper")
         if self._method == "ibvs":
-            return IbvsPilot(self.task)
-        return KePilot(self.task) if self._method == "ke" else PoseBasedPilot(self.task)
+            return IbvsPilot(self.task, self._gains["gain_1_s"])
+        if self._method == "ke":
+            return KePilot(self.task, KeWeights(**self._gains))
+        return PoseBasedPilot(self.task, GracefulGains(**self._gains))

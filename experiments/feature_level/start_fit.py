@@ -9,6 +9,7 @@ from follower.model.array import feature_jacobian
 
 _MOST_STEPS = 20
 _CONVERGED = 1e-4
+_NEAREST_M = 0.8
 _MAX_STEP = np.array([1.0, 1.0, 0.3])
 
 
@@ -34,6 +35,7 @@ def fit_start(
         information = slopes.T @ slopes
         step = np.linalg.solve(information, slopes.T @ residual)
         state = state + np.clip(step, -_MAX_STEP, _MAX_STEP)
+        state[0] = max(state[0], camera_xyz_m[0] + _NEAREST_M)  # nearer, the array would be behind the camera
         if np.abs(step).max() < _CONVERGED:
             break
     return Pose2(*(float(value) for value in state)), np.linalg.inv(information)

@@ -8,8 +8,9 @@ from typing import Any
 from common.config import Config
 from experiments.bench.control import record_problems, time_solver
 from experiments.feature_level.plots import draw_sweep
-from experiments.feature_level.runs import MethodCase, all_jobs, make_case, metrics_job, table
-from experiments.feature_level.scenes import DISTURBANCES, DISTURBED_START, method_config, paper_start, random_starts
+from experiments.feature_level.runs import MethodCase, Rows, all_jobs, make_case, metrics_job
+from experiments.feature_level.scenes import method_config
+from experiments.feature_level.sets import disturbed_setting, undisturbed_setting
 from experiments.feature_level.sweep_settings import with_bandwidth, with_horizon
 from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import write_results
@@ -32,21 +33,27 @@ def run(out: Path, seed: int, workers: Workers, config: Config, trials: int = 10
     cases, varied = [], []
     for method in ("paper", "davpc"):
         for horizon in HORIZONS:
-            starts = random_starts(method_config(config, method), "T", trials, seed)
             setting = with_horizon(config, horizon)
-            cases.append(make_case(setting, method, f"horizon_{horizon}", starts, DISTURBANCES["none"], seed))
+            runs = undisturbed_setting(method_config(config, method), "T", trials, seed)
+            cases.append(make_case(setting, method, f"horizon_{horizon}", runs, seed))
             varied.append(setting)
     for bandwidth in BANDWIDTHS_RAD_S:
         setting = with_bandwidth(config, bandwidth)
-        starts = [paper_start(DISTURBED_START)] * trials
-        cases.append(make_case(setting, "paper", f"bandwidth_{bandwidth}", starts, DISTURBANCES["yaw_pads"], seed))
+        runs = disturbed_setting(config, "lab", "yaw_pads", trials, seed)
+        cases.append(make_case(setting, "paper", f"bandwidth_{bandwidth}", runs, seed))
         varied.append(setting)
-    rows = table(cases, run_all(metrics_job, all_jobs(cases), workers, "sweep"))
+    settings = {"trials": trials, "horizons": list(HORIZONS), "bandwidths_rad_s": list(BANDWIDTHS_RAD_S)}
+
+    def write(rows: list[dict[str, Any]]) -> dict[str, Any]:
+        return write_results(out, "sweep", seed, settings, rows, [], config)
+
+    kept = Rows(cases, write)
+    run_all(metrics_job, all_jobs(cases), workers, "sweep", keep=kept.keep)
+    rows = kept.rows()
     for entry, case, setting in zip(rows, cases, varied, strict=True):
         if case.name.startswith("horizon"):
             entry["metrics"]["solve_ms"] = _median_ms(setting, case, seed)
-    settings = {"trials": trials, "horizons": list(HORIZONS), "bandwidths_rad_s": list(BANDWIDTHS_RAD_S)}
-    results = write_results(out, "sweep", seed, settings, rows, [], config)
+    results = write(rows)
     draw_sweep(rows, out / "sweep.png")
     return results
 

@@ -10,24 +10,24 @@ import numpy as np
 
 from common.config import Config
 from experiments.feature_level.cramer_rao import bound
-from experiments.feature_level.runs import Flight, MethodCase, all_jobs, fly_job, make_case, table
+from experiments.feature_level.runs import Flight, MethodCase, Rows, all_jobs, fly_job, make_case
 from experiments.feature_level.scenes import (
-    DISTURBANCES,
     DURATION_S,
     PAPER_TABLE,
-    PAPER_TUNING,
     START_RANGES,
     Level,
     level_settings,
     method_config,
     pixel_config,
-    random_starts,
 )
+from experiments.feature_level.sets import HELD_FRAMES, undisturbed_setting
 from experiments.feature_level.trial import goal_task
 from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import row, write_results
 
-CASES = ("T", "W", "T_tilted")
+CASES_OF_SETS = {"lab": ("T", "W", "T_tilted"), "evaluation": ("E", "E_white")}
+CASES = CASES_OF_SETS["lab"]
+ALL_CASES = tuple(case for cases in CASES_OF_SETS.values() for case in cases)
 PIXEL_CASES = ("T", "W")
 BOUND_RUNS = 10
 METHODS = ("ibvs", "ke", "pose_based", "paper", "paper_compensated", "davpc")
@@ -56,35 +56,39 @@ def run(
         seed: of starts and noise.
         workers: who does the runs.
         trials: starts for each case.
-        cases: ``T`` the paper's range, ``W`` a wider one, ``T_tilted`` the runtime's array; None: all of the level.
+        cases: ``T`` the paper's range, ``W`` a wider one, ``T_tilted`` the runtime's array; ``E`` of the evaluation
+            set, on which nothing was tuned, ``E_white`` with white noise; None: all of the lab's set.
         pixels: render every frame and run the whole perception, with the array as configured in every case. The
             bound, which is that of the feature level's noise, is left out.
 
     Raises:
         ValueError: an unknown method or case.
     """
-    known = PIXEL_CASES if pixels else CASES
-    cases = known if cases is None else cases
+    known = PIXEL_CASES if pixels else ALL_CASES
+    cases = (PIXEL_CASES if pixels else CASES) if cases is None else cases
     unknown = [case for case in cases if case not in known]
     if unknown:
         raise ValueError(f"case {unknown[0]!r} is none of {', '.join(known)}")
     level: Level = "pixels" if pixels else "features"
     todo = [_case(config, method, name, trials, seed, level) for name in cases for method in methods]
-    done = run_all(measured_job, all_jobs(todo), workers, "table1")
-    rows = table(todo, [metrics for metrics, _ in done])
-    rows += _bound_rows(
-        cases, [(case.name, limit) for (case, _), (_, limit) in zip(all_jobs(todo), done, strict=True)]
-    )
     settings = _settings(trials, methods) | level_settings(config, level, cases)
-    return write_results(out, "table1", seed, settings, rows, list(PAPER_TABLE), config, NOTE)
+
+    def write(rows: list[dict[str, Any]]) -> dict[str, Any]:
+        return write_results(out, "table1", seed, settings, rows, list(PAPER_TABLE), config, NOTE)
+
+    kept = Rows(todo, write)
+    done = run_all(
+        measured_job, all_jobs(todo), workers, "table1", keep=lambda job, result: kept.keep(job, result[0])
+    )
+    limits = [(case.name, limit) for (case, _), (_, limit) in zip(all_jobs(todo), done, strict=True)]
+    return write(kept.rows() + _bound_rows(cases, limits))
 
 
 def _case(config: Config, method: str, name: str, trials: int, seed: int, level: Level = "features") -> MethodCase:
     array = "tilted" if name.endswith("tilted") else "vertical"
     flown = FLOWN.get(method, method)
     seen = pixel_config(config, flown) if level == "pixels" else method_config(config, flown, array)
-    starts = random_starts(seen, name, trials, seed)
-    return make_case(config, flown, name, starts, DISTURBANCES["none"], seed, array, method, level)
+    return make_case(config, flown, name, undisturbed_setting(seen, name, trials, seed), seed, array, method, level)
 
 
 def measured_job(job: Flight) -> tuple[dict[str, float], dict[str, float] | None]:
@@ -113,7 +117,7 @@ def _settings(trials: int, methods: tuple[str, ...]) -> dict[str, Any]:
         "trials": trials,
         "methods": list(methods),
         "duration_s": DURATION_S,
+        "noise_held_frames": {"E": HELD_FRAMES},
         "starts": {name: asdict(limits) for name, limits in START_RANGES.items()},
         "note": NOTE,
-        "paper_tuning": PAPER_TUNING,
     }

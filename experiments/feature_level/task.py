@@ -1,14 +1,21 @@
-"""What a method is given before a run."""
+"""What a method is given before a run, and what it then is to the run."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
+
+import numpy as np
 
 from common.config import Config
 from common.geometry import Array, Pose2, features_at
-from experiments.feature_level.scenes import NOISE_PX
+from experiments.feature_level.feature_world import FrameMeasurement
+from experiments.feature_level.scenes import FRAME_RATE_HZ, NOISE_PX
 from follower.controller.interface import Goal, SpeedCaps
+
+Twist = tuple[float, float]
+FRAME_S = 1.0 / FRAME_RATE_HZ
 
 
 @dataclass(frozen=True)
@@ -58,3 +65,29 @@ class Task:
         """The configured limits."""
         limits = self.config.limits
         return SpeedCaps(v_min_m_s=limits.v_min_m_s, v_max_m_s=limits.v_max_m_s, w_max_rad_s=limits.w_max_rad_s)
+
+
+class SolverEndedError(Exception):
+    """A solve did not end by itself: the run is over."""
+
+
+@dataclass
+class Insight:
+    """What a method estimates, for the figures."""
+
+    disturbance: Array = field(default_factory=lambda: np.zeros(4))
+    compensation: Twist = (0.0, 0.0)
+    solves: int = 0
+    failures: int = 0
+
+
+class Pilot(Protocol):
+    """A method in one run."""
+
+    insight: Insight
+
+    def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:
+        """One frame; ``wheels`` is the twist measured since the last, ``applied`` what was commanded."""
+
+    def command(self, wheels: Twist, applied: Twist) -> Twist:
+        """The next command, from all that was seen."""

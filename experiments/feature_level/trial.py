@@ -13,7 +13,6 @@ from common.docking_errors import docked_error
 from common.geometry import Array, Pose2, features_at
 from common.timing import NS_PER_S
 from experiments.feature_level.feature_world import Disturbances, FeatureWorld, FrameMeasurement, project
-from experiments.feature_level.pilots import Pilot
 from experiments.feature_level.scenes import (
     DURATION_S,
     FRAME_RATE_HZ,
@@ -22,7 +21,7 @@ from experiments.feature_level.scenes import (
     NOISE_THETA_RAD,
     OVER_BOUND_M,
 )
-from experiments.feature_level.task import Task
+from experiments.feature_level.task import Pilot, SolverEndedError, Task, Twist
 
 
 class World(Protocol):
@@ -51,7 +50,9 @@ class World(Protocol):
         """(n,) whether each projection lies in the image."""
 
 
-METRICS = ("e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px", "m_v", "m_w", "lost", "over_bound", "settle_s")
+MEANS = ("e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px", "m_v", "m_w")
+COUNTS = ("lost", "over_bound", "diverged", "time_limit")
+METRICS = (*MEANS, *COUNTS, "settle_s")
 
 
 @dataclass
@@ -72,7 +73,11 @@ class FlightTrace:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Metrics of one run by name (``settle_s`` NaN: never), and its trace."""
+    """Metrics of one run by name (``settle_s`` NaN: never), and its trace.
+
+    A run that ``diverged`` (its method's numbers are none any more), or whose solver was ended at its ``time_limit``,
+    ends there, and counts as lost.
+    """
 
     metrics: dict[str, float]
     trace: FlightTrace
@@ -85,6 +90,7 @@ def fly(
     seed: list[int],
     disturbances: Disturbances,
     duration_s: float = DURATION_S,
+    held_frames: int = 1,
 ) -> Outcome:
     """Run at feature level for a while.
 
@@ -95,8 +101,9 @@ def fly(
         seed: of the noise.
         disturbances: of the world.
         duration_s: of the run.
+        held_frames: for how many frames the noise stays the same.
     """
-    world = FeatureWorld(task.config, start, seed, disturbances, NOISE_PX, NOISE_THETA_RAD)
+    world = FeatureWorld(task.config, start, seed, disturbances, NOISE_PX, NOISE_THETA_RAD, held_frames)
     return fly_in(world, task, pilot, duration_s)
 
 
@@ -109,20 +116,35 @@ def fly_in(world: World, task: Task, pilot: Pilot, duration_s: float = DURATION_
         pilot: a method, fresh.
         duration_s: of the run.
     """
-    trace, applied, lost = FlightTrace(), (0.0, 0.0), False
+    trace, applied, lost, ended = FlightTrace(), (0.0, 0.0), False, ""
     settled_since = math.nan
     for frame in range(round(duration_s * FRAME_RATE_HZ)):
         time_s = frame / FRAME_RATE_HZ
-        pilot.see(world.measure(round(time_s * NS_PER_S)), world.wheels, applied)
-        if frame % FRAMES_PER_COMMAND == 0:
-            applied = pilot.command(world.wheels, applied)
+        due = frame % FRAMES_PER_COMMAND == 0
+        applied, ended = _steered(world, pilot, round(time_s * NS_PER_S), applied, due)
+        if ended:
+            break
+        if due:
             world.command = applied
             _note(trace, time_s, world, pilot, applied)
             near = _settled(task, world)
             settled_since = (time_s if math.isnan(settled_since) else settled_since) if near else math.nan
         world.advance(1.0 / FRAME_RATE_HZ)
         lost = lost or not bool(world.in_view().all())
-    return Outcome(_metrics(task, world, trace, lost, settled_since), trace)
+    metrics = _metrics(task, world, trace, lost or bool(ended), math.nan if ended else settled_since)
+    return Outcome(metrics | {name: float(ended == name) for name in ("diverged", "time_limit")}, trace)
+
+
+def _steered(world: World, pilot: Pilot, now_ns: int, applied: Twist, due: bool) -> tuple[Twist, str]:
+    """Command after a frame, and why the run ends here; empty if it does not."""
+    try:
+        pilot.see(world.measure(now_ns), world.wheels, applied)
+        wanted = pilot.command(world.wheels, applied) if due else applied
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return applied, "diverged"
+    except SolverEndedError:
+        return applied, "time_limit"
+    return (wanted, "") if np.isfinite(wanted).all() else (applied, "diverged")
 
 
 def _note(trace: FlightTrace, time_s: float, world: World, pilot: Pilot, applied: tuple[float, float]) -> None:
@@ -155,7 +177,7 @@ def _metrics(task: Task, world: World, trace: FlightTrace, lost: bool, settled_s
     error = docked_error(world.follower_in_leader, goal)
     error_px = world.true_pixels() - project(task.config, goal.inverse())
     change = np.diff(np.array([(0.0, 0.0), *trace.command]), axis=0)
-    m_v, m_w = np.sqrt(np.mean(change**2, axis=0))
+    m_v, m_w = np.sqrt(np.mean(change**2, axis=0)) if len(change) else (math.nan, math.nan)
     return {
         "e_x_cm": 100 * abs(error.e_x_m),
         "e_y_cm": 100 * abs(error.e_y_m),
@@ -170,15 +192,21 @@ def _metrics(task: Task, world: World, trace: FlightTrace, lost: bool, settled_s
 
 
 def summarise(outcomes: list[dict[str, float]]) -> dict[str, float | None]:
-    """Means over runs, counts for ``lost`` and ``over_bound``, worst e_y; ``settle_s`` None when no run settled."""
+    """Means over runs, counts of what went wrong, worst e_y; ``settle_s`` None when no run settled."""
     table = {name: np.array([metrics[name] for metrics in outcomes]) for name in METRICS}
-    summary: dict[str, float | None] = {name: float(np.mean(table[name])) for name in METRICS[:6]}
-    summary["lost"], summary["over_bound"] = float(table["lost"].sum()), float(table["over_bound"].sum())
+    summary = {name: _mean(table[name]) for name in MEANS}
+    summary |= {name: float(table[name].sum()) for name in COUNTS}
     settled = table["settle_s"][np.isfinite(table["settle_s"])]
-    summary["settle_s"] = float(settled.mean()) if settled.size else None
+    summary["settle_s"] = _mean(settled)
     summary["unsettled"] = float(len(outcomes) - settled.size)
     summary["worst_e_y_cm"] = float(table["e_y_cm"].max())
     return summary
+
+
+def _mean(values: Array) -> float | None:
+    """Of those that are numbers: behind the array there is no e_p; None if none is."""
+    numbers = values[np.isfinite(values)]
+    return float(numbers.mean()) if numbers.size else None
 
 
 def goal_task(config: Config) -> Task:

@@ -2,21 +2,25 @@
 
 The goal's place in {F} follows from the point's depth Δh/β and from θ; with the heading it makes the chained form
 ẏ = x θ̇. All three are driven to zero by a quadratic stage cost over a short horizon, within the velocity bounds.
-There is no field-of-view constraint and no rate limit. Weights are a reconstruction too.
+There is no field-of-view constraint. The rate limit of all methods is added: without it the method would be given a
+robot that the others do not have. The weights are searched (:mod:`experiments.tuning`).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import daqp
 import numpy as np
 
+from common.config import LimitsConfig
 from common.geometry import Array
 
 HORIZON = 20
 PERIOD_S = 0.05
-STATE_WEIGHT = np.array([0.1, 1.0, 10.0])  # of θ and of the goal's x and y
-INPUT_WEIGHT = 0.3
 NEWTON_STEPS = 3
+FARTHEST = 1e3  # m, rad: what is farther, or not a number, is no place of the goal
+MOST_ITERATIONS = 1000  # of daqp
 
 
 def goal_in_follower(
@@ -36,29 +40,55 @@ def goal_in_follower(
     return np.array([theta_rad, x, y])
 
 
+@dataclass(frozen=True, kw_only=True)
+class KeWeights:
+    """Of the stage cost: heading, the goal's x and y in {F}, and the inputs."""
+
+    theta: float
+    x: float
+    y: float
+    effort_v: float
+    effort_w: float
+
+
 class KeController:
     """Keeps the last solution to start from."""
 
-    def __init__(self, v_bounds: tuple[float, float], w_max: float) -> None:
-        self._lower = np.repeat([v_bounds[0], -w_max], HORIZON)
-        self._upper = np.repeat([v_bounds[1], w_max], HORIZON)
+    def __init__(self, limits: LimitsConfig, weights: KeWeights) -> None:
+        self._lower = np.repeat([limits.v_min_m_s, -limits.w_max_rad_s], HORIZON)
+        self._upper = np.repeat([limits.v_max_m_s, limits.w_max_rad_s], HORIZON)
+        self._state_weight = np.tile([weights.theta, weights.x, weights.y], HORIZON)
+        self._effort = np.diag(np.repeat([weights.effort_v, weights.effort_w], HORIZON))
+        change = np.eye(HORIZON) - np.eye(HORIZON, k=-1)  # of an input against the one before
+        self._change = np.kron(np.eye(2), change)
+        self._steps = np.repeat([limits.controller_dv_m_s, limits.controller_dw_rad_s], HORIZON)
         self._inputs = np.zeros(2 * HORIZON)
 
-    def solve(self, state: Array) -> tuple[float, float]:
-        """Velocity v [m/s], ω [rad/s].
+    def solve(self, state: Array, last_applied: tuple[float, float]) -> tuple[float, float]:
+        """Velocity v [m/s], ω [rad/s]; standstill where there is no solution.
 
         Args:
             state: (3,) ``[θ, x, y]``, heading [rad] and place of the goal in {F} [m].
+            last_applied: command that the first input may differ from by one step of the rate limit.
         """
+        if not np.all(np.abs(state) <= FARTHEST):
+            return 0.0, 0.0
         inputs = np.concatenate([np.append(half[1:], half[-1]) for half in self._inputs.reshape(2, -1)])
+        before = np.zeros(2 * HORIZON)
+        before[[0, HORIZON]] = last_applied
+        upper = np.concatenate([self._upper, before + self._steps])
+        lower = np.concatenate([self._lower, before - self._steps])
         for _ in range(NEWTON_STEPS):
             states, by_inputs = _roll_out(state, inputs)
-            weights = np.tile(STATE_WEIGHT, HORIZON)
-            weighted = by_inputs.T * weights
-            hessian = weighted @ by_inputs + INPUT_WEIGHT * np.eye(2 * HORIZON)
+            weighted = by_inputs.T * self._state_weight
+            hessian = weighted @ by_inputs + self._effort
             gradient = weighted @ (states - by_inputs @ inputs)
-            solution, _, flag, _ = daqp.solve(hessian, gradient, np.empty((0, 2 * HORIZON)), self._upper, self._lower)
-            if flag <= 0:
+            if not (np.isfinite(hessian).all() and np.isfinite(gradient).all()):
+                return 0.0, 0.0
+            solution, _, flag, _ = daqp.solve(
+                hessian, gradient, self._change, upper, lower, iter_limit=MOST_ITERATIONS
+            )
+            if flag <= 0 or not np.isfinite(solution).all():
                 return 0.0, 0.0
             inputs = solution
         self._inputs = inputs

@@ -6,9 +6,9 @@ import numpy as np
 
 from common.messages import Mission
 from experiments.feature_level.feature_world import FrameMeasurement
-from experiments.feature_level.pilots import Insight, Pilot, PilotFactory, Twist
+from experiments.feature_level.pilots import PilotFactory
 from experiments.feature_level.pixels.world import PerceivedFrame
-from experiments.feature_level.task import Task
+from experiments.feature_level.task import Insight, Pilot, Task, Twist
 from follower.controller.davpc import DavpcMethod
 from follower.controller.docking import DockingController
 from follower.controller.interface import PoseController

@@ -9,6 +9,7 @@ import pytest
 
 from common.config import default_config_path, load_config
 from experiments.feature_level import table1
+from experiments.feature_level.runs import Flight
 from experiments.feature_level.trial import METRICS
 from experiments.shared.executor import ALONE, Workers
 
@@ -41,3 +42,28 @@ def test_table1_tells_the_information_limit_along_the_default_method_alone(tmp_p
     assert list(rows) == ["davpc", "ibvs", "cramer_rao"]
     assert rows["cramer_rao"]["n"] == 1
     assert 0.05 < rows["cramer_rao"]["metrics"]["e_y_cm"] < 0.4
+
+
+def test_rows_are_on_disk_as_soon_as_they_are_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    flown = 0
+
+    def stops_after_three(job: Flight) -> object:
+        nonlocal flown
+        flown += 1
+        if flown == 4:
+            raise KeyboardInterrupt
+        return table1_job(job)
+
+    table1_job = table1.measured_job
+    monkeypatch.setattr(table1, "measured_job", stops_after_three)
+    with pytest.raises(KeyboardInterrupt):
+        table1.run(tmp_path, 2, ALONE, CONFIG, trials=2, methods=("ibvs", "pose_based"), cases=("T",))
+    rows = json.loads((tmp_path / "results.json").read_text())["rows"]
+    assert [(entry["method"], entry["n"]) for entry in rows] == [("ibvs", 2)]
+
+
+def test_evaluation_set_has_cases_of_its_own(tmp_path: Path) -> None:
+    results = table1.run(tmp_path, 2, ALONE, CONFIG, trials=1, methods=("ibvs",), cases=("E", "E_white"))
+    errors = {entry["case"]: entry["metrics"]["e_y_cm"] for entry in results["rows"]}
+    assert list(errors) == ["E", "E_white"]
+    assert errors["E"] != errors["E_white"]
