@@ -63,7 +63,7 @@ LOCK = uv pip compile --universal --generate-hashes --no-header --no-annotate --
 
 lock: ## Refresh requirements.lock and its part that a robot needs (needs uv)
 	$(LOCK) --extra dev -o requirements.lock pyproject.toml
-	$(LOCK) --extra build -c requirements.lock -o deploy/requirements.lock pyproject.toml
+	$(LOCK) --extra build --extra record -c requirements.lock -o deploy/requirements.lock pyproject.toml
 
 wheels: ## What a robot without a network is installed from: a folder of wheels for this machine's Python
 	@deploy/install.sh wheels out/wheels

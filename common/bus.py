@@ -111,6 +111,17 @@ class Bus:
         self._declared.append(subscriber)
         self._spawn(channel.key, lambda: _drain(subscriber, on_payload))
 
+    def overhear(self, on_sample: Callable[[str, bytes], None]) -> None:
+        """Call back with key and payload of everything that is published, in order, from one thread."""
+        subscriber = self._session.declare_subscriber("**", zenoh.handlers.FifoChannel(4000))
+        self._declared.append(subscriber)
+
+        def drain() -> None:
+            for sample in subscriber:
+                on_sample(str(sample.key_expr), sample.payload.to_bytes())
+
+        self._spawn("**", drain)
+
     def serve(self, channel: Channel[Any], on_request: OnRequest) -> None:
         """Call back with each request and a function that answers it, from a thread of its own."""
         queryable = self._session.declare_queryable(channel.key, zenoh.handlers.FifoChannel(64))

@@ -22,6 +22,8 @@ from common.messages import (
     ManualRequest,
     Message,
     Mission,
+    NodeSnapshot,
+    StepJournal,
 )
 from common.timing import NS_PER_MS
 
@@ -96,3 +98,26 @@ def live_key(process: str) -> str:
 def health_channel(process: str) -> Channel[Health]:
     """The channel on which a process publishes its health."""
     return Channel(f"health/{process}", Health, process, 2, 2000, reach="pair")
+
+
+def journal_channel(process: str) -> Channel[StepJournal]:
+    """The channel on which a process publishes what its steps consumed."""
+    return Channel(f"journal/{process}", StepJournal, process, 2, 2000)
+
+
+def snapshot_channel(process: str) -> Channel[NodeSnapshot]:
+    """The channel on which a process publishes its state now and then, for a replay."""
+    return Channel(f"snapshot/{process}", NodeSnapshot, process, 0, 2000)
+
+
+_BY_KEY = {channel.key: channel for channel in CHANNELS}
+
+
+def channel_of(key: str) -> Channel[Any] | None:
+    """The channel of a key, those of single processes included; None for a key outside the tables."""
+    kind, _, name = key.partition("/")
+    if kind == "health":
+        return health_channel(name)
+    if kind == "journal":
+        return journal_channel(name)
+    return snapshot_channel(name) if kind == "snapshot" else _BY_KEY.get(key)

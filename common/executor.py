@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import gc
 import logging
-import os
 import secrets
 import signal
-import socket
 import sys
 import threading
 from collections import deque
@@ -17,22 +15,25 @@ from pathlib import Path
 from typing import Any
 
 from common.bus import Bus, OnPayload, OnRequest
-from common.channels import Channel, health_channel
+from common.channels import Channel, health_channel, journal_channel, snapshot_channel
 from common.config import load_config
 from common.errors import ConfigError, DeviceError
 from common.files.parsing import UnreadableError, read_text
 from common.files.writer import BackgroundWriter, state_directory
-from common.memory import lock_memory
 from common.messages import Answer, Health, Message, MessageError
 from common.node import Inbox, Node, NodeContext, Outbox
-from common.processes import PROCESSES, Process, process
+from common.processes import PROCESSES, process
+from common.recording import snapshot
+from common.recording.journal import JournalWriter, OpenStep
 from common.request_desk import RequestDesk
+from common.service import be_real_time, notify_service_manager
 from common.timing import NS_PER_MS, NS_PER_S, MonotonicClock, Schedule
 
 EXIT_BUG, EXIT_CONFIG, EXIT_DEVICE = 1, 2, 3
 REQUEST_TIMEOUT_S = 1.0
 _IDLE_S = 0.01
 _HEALTH_PERIOD_NS = NS_PER_S // 2
+_SNAPSHOT_PERIOD_NS, _SECOND_SNAPSHOT_NS = 10 * NS_PER_S, NS_PER_S
 
 
 def run_process(name: str, config_path: Path, runtime: Path, overrides: Sequence[str] = ()) -> int:
@@ -52,12 +53,15 @@ def run_process(name: str, config_path: Path, runtime: Path, overrides: Sequence
     )
     log = logging.getLogger(name)
     clock = MonotonicClock()
-    _be_real_time(process(name), log)
+    be_real_time(process(name), log)
     try:
         config = load_config(config_path, overrides)
-        context = NodeContext(config, config_path, runtime, secrets.randbits(62), clock)
+        journal = JournalWriter() if config.recorder.journal and process(name).journaled else None
+        run_id = secrets.randbits(62)
+        read_clock = clock if journal is None else journal.clock(clock)
+        context = NodeContext(config, config_path, runtime, run_id, read_clock, journal)
         node = process(name).factory()(context)
-        with ProcessExecutor(node, context, clock, log) as executor:
+        with ProcessExecutor(node, context, clock, log, journal) as executor:
             return executor.run()
     except ConfigError as error:
         log.error("%s", error)
@@ -70,24 +74,6 @@ def run_process(name: str, config_path: Path, runtime: Path, overrides: Sequence
         return EXIT_BUG
 
 
-def _be_real_time(entry: Process, log: logging.Logger) -> None:
-    """Set SCHED_FIFO for this thread and those that it starts, and lock the memory; warn about what is not permitted.
-
-    Under systemd the unit already has its priority, and no right to change it.
-    """
-    given = os.sched_getscheduler(0) == os.SCHED_FIFO and os.sched_getparam(0).sched_priority == entry.priority
-    try:
-        if not given:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(entry.priority))
-    except OSError as error:
-        log.warning(
-            "no real-time priority %d (%s): deadlines may be missed under load", entry.priority, error.strerror
-        )
-    refused = lock_memory() if entry.locked else ""
-    if refused:
-        log.warning("memory is not locked (%s): a page fault may delay the loop", refused)
-
-
 def earlier_processes(name: str) -> list[str]:
     """Names before ``name`` in the process table; all of them for a name outside it, such as a station's."""
     names = [candidate.name for candidate in PROCESSES]
@@ -97,9 +83,17 @@ def earlier_processes(name: str) -> list[str]:
 class ProcessExecutor:
     """Runs one node on the bus in real time, as a context manager."""
 
-    def __init__(self, node: Node, context: NodeContext, clock: MonotonicClock, log: logging.Logger) -> None:
-        self._node, self._clock, self._log = node, clock, log
-        self._inbox = Inbox(clock.boot_id)
+    def __init__(
+        self,
+        node: Node,
+        context: NodeContext,
+        clock: MonotonicClock,
+        log: logging.Logger,
+        journal: JournalWriter | None = None,
+    ) -> None:
+        self._node, self._clock, self._log, self._journal = node, clock, log, journal
+        self._inbox = Inbox(clock.boot_id, watch=journal)
+        self._snapshot_due_ns = 0
         self._outbox = Outbox(node.name, context.run_id, clock.boot_id)
         self._desk = RequestDesk(clock.boot_id, self._packed)
         self._desk_lock = threading.Lock()
@@ -155,6 +149,8 @@ class ProcessExecutor:
         wakes = {channel.key for channel in self._node.trigger.wakes}
         for channel in self._node.inputs:
             self._bus.subscribe(channel, self._receiver(channel, channel.key in wakes))
+        if self._node.overhears:
+            self._bus.overhear(lambda key, payload: self._node.overhear(key, payload, self._clock.now_ns()))
         if self._node.serves:
             self._restore_requests()
         for channel in self._node.serves:
@@ -228,16 +224,22 @@ class ProcessExecutor:
 
     def _step(self, now_ns: int) -> bool:
         """One step of the node; returns whether it published anything."""
+        entry = self._journal.begin(now_ns) if self._journal is not None else None
         self._inbox.begin_step()
         outputs = self._node.step(now_ns, self._inbox)
-        self._publish(outputs)
+        if self._journal is not None and entry is not None:
+            self._journal.end(entry, len(outputs))
+        self._publish(outputs, entry)
         self._steps += 1
         self._durations_ns.append(self._clock.now_ns() - now_ns)
         return bool(outputs)
 
-    def _publish(self, outputs: Sequence[tuple[Channel[Any], Message]]) -> None:
+    def _publish(self, outputs: Sequence[tuple[Channel[Any], Message]], entry: OpenStep | None = None) -> None:
         for channel, message in outputs:
-            payload = self._outbox.pack(channel, message, self._clock.now_ns())
+            now_ns = self._clock.now_ns()
+            payload = self._outbox.pack(channel, message, now_ns)
+            if self._journal is not None and entry is not None:
+                self._journal.sent(entry, channel, message, payload, now_ns, self._outbox.sequence(channel))
             if isinstance(message, Answer):
                 with self._desk_lock:
                     self._desk.settle(message, payload)
@@ -271,6 +273,18 @@ class ProcessExecutor:
             step_p99_ms=self._step_ms()[1],
         )
         self._publish([(health_channel(self._node.name), health)])
+        if self._journal is not None:
+            self._publish_journal(self._journal)
+
+    def _publish_journal(self, journal: JournalWriter) -> None:
+        """What the steps consumed since the last report; every ten seconds the node's state before the next step."""
+        name, now_ns = self._node.name, self._clock.now_ns()
+        self._publish([(journal_channel(name), batch) for batch in journal.batches()])
+        if now_ns >= self._snapshot_due_ns:
+            first = self._snapshot_due_ns == 0  # what happens before a recorder is connected is lost
+            self._snapshot_due_ns = now_ns + (_SECOND_SNAPSHOT_NS if first else _SNAPSHOT_PERIOD_NS)
+            parts = snapshot.take(self._node, self._inbox, journal.steps)
+            self._publish([(snapshot_channel(name), part) for part in parts])
 
     def _step_ms(self) -> tuple[float, float]:
         """Median and 99th percentile of the last steps' durations."""
@@ -281,13 +295,3 @@ class ProcessExecutor:
     def _on_signal(self, number: int, _frame: object) -> None:
         self._log.info("stopping on %s", signal.Signals(number).name)
         self.stop()
-
-
-def notify_service_manager(state: str) -> None:
-    """sd_notify(3): report a state to systemd, if it started this process."""
-    address = os.environ.get("NOTIFY_SOCKET")
-    if not address:
-        return
-    target = "\0" + address[1:] if address.startswith("@") else address
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
-        channel.sendto(state.encode(), target)

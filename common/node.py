@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 from common.channels import Channel
 from common.config import Config
@@ -27,10 +27,24 @@ from common.messages import Answer, Header, Message, MessageError, decode, encod
 from common.timing import NS_PER_MS, NS_PER_S, Clock
 
 M = TypeVar("M", bound=Message)
+D = TypeVar("D")
 Output = tuple[Channel[Any], Message]
 Decoder = Callable[[type[Any], bytes], tuple[Header, Any]]
 REQUEST_BACKLOG, URGENT_BACKLOG = 64, 8
 EARLY_NS = LATE_NS = 20 * NS_PER_MS
+
+
+class StepWatch(Protocol):
+    """What is to be kept of a node's steps for a replay, see :mod:`common.recording.journal`."""
+
+    def states(self, arrived: Mapping[str, tuple[bytes, int]], late: Mapping[str, int]) -> None:
+        """A step begins with these states: payload and time of receipt by key."""
+
+    def taken(self, key: str, received: Sequence[Received[Any]]) -> None:
+        """It took these requests or answers."""
+
+    def device(self, name: str, device: Any) -> Any:
+        """The device as the node is to use it."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +59,16 @@ class NodeContext:
     runtime: Path
     run_id: int
     clock: Clock
+    watch: StepWatch | None = None
+
+    def device(self, name: str, device: D) -> D:
+        """The device for the node to use: what it returns within a step is kept for a replay.
+
+        Args:
+            name: unique within the node.
+            device: whatever brings into a step what neither messages nor clock do; its methods have return types.
+        """
+        return device if self.watch is None else cast(D, self.watch.device(name, device))
 
 
 @dataclass(frozen=True)
@@ -75,9 +99,10 @@ class Inbox:
     cannot be decoded is counted in ``malformed`` and named in ``faults``, for the executor to log.
     """
 
-    def __init__(self, boot_id: str | None, decoder: Decoder = decode) -> None:
+    def __init__(self, boot_id: str | None, decoder: Decoder = decode, watch: StepWatch | None = None) -> None:
         self._boot_id = boot_id
         self._decoder = decoder
+        self._watch = watch
         self._incoming: dict[str, tuple[bytes, int]] = {}
         self._newest: dict[str, tuple[bytes, int]] = {}
         self._decoded: dict[str, tuple[bytes, Received[Any] | None]] = {}
@@ -179,14 +204,31 @@ class Inbox:
     def begin_step(self) -> None:
         """Fix what this step sees: the states received until now. Executors call it before each step."""
         with self._lock:
-            self._newest.update(self._incoming)
-            self._incoming.clear()
+            incoming, self._incoming = self._incoming, {}
+            late = dict(self._late) if self._watch is not None else {}
+            self._newest.update(incoming)
             self._arrived, self._arriving = self._arriving, set()
         self._spoilt.clear()
+        if self._watch is not None:
+            self._watch.states(incoming, late)
+
+    def kept(self) -> tuple[dict[str, tuple[bytes, int]], dict[str, int]]:
+        """What it keeps between steps: the newest payload of each state with its receipt, the counts of late ones."""
+        with self._lock:
+            return dict(self._newest), dict(self._late)
+
+    def put_back(self, newest: Mapping[str, tuple[bytes, int]], late: Mapping[str, int]) -> None:
+        """Put back what :meth:`kept` gave, or a part of it."""
+        with self._lock:
+            self._newest.update({key: (payload, receipt_ns) for key, (payload, receipt_ns) in newest.items()})
+            self._late.update(late)
 
     def _take(self, key: str) -> list[Received[Any]]:
         with self._lock:
-            return list(self._queues.pop(key, ()))
+            taken = list(self._queues.pop(key, ()))
+        if taken and self._watch is not None:
+            self._watch.taken(key, taken)
+        return taken
 
     def _decode(
         self, message_type: type[Any], channel: Channel[Any], payload: bytes, receipt_ns: int
@@ -213,6 +255,10 @@ class Node(ABC):
     inputs: tuple[Channel[Any], ...] = ()
     outputs: tuple[Channel[Any], ...] = ()
     serves: tuple[Channel[Any], ...] = ()
+    overhears: bool = False
+
+    def overhear(self, key: str, payload: bytes, receipt_ns: int) -> None:  # noqa: B027 - for recorders
+        """Everything that is published, if the class ``overhears``; from another thread, must return at once."""
 
     def start(self, now_ns: int) -> None:  # noqa: B027 - a node may have nothing to open
         """Open devices.
@@ -242,3 +288,7 @@ class Outbox:
         sequence = self._sequences.get(channel.key, 0) + 1
         self._sequences[channel.key] = sequence
         return encode(message, Header(self._source, self._run_id, sequence, now_ns, self._boot_id))
+
+    def sequence(self, channel: Channel[Any]) -> int:
+        """Of the last message packed for the channel."""
+        return self._sequences.get(channel.key, 0)

@@ -20,7 +20,7 @@ class Process:
 
     ``priority`` is its SCHED_FIFO priority, where permitted: the shorter the loop, the higher. Only the controller,
     whose work is short and whose missed deadlines stop the robot, goes before camera and estimator. ``locked``: its
-    memory is locked, where permitted.
+    memory is locked, where permitted. ``journaled``: its steps can be replayed, see :mod:`common.recording.journal`.
     """
 
     name: str
@@ -30,6 +30,7 @@ class Process:
     stepped_by: str
     purpose: str
     locked: bool = False
+    journaled: bool = False
 
     def factory(self) -> Callable[[NodeContext], Node]:
         """The function that makes this process's node, found by entry point so that this table imports no robot."""
@@ -48,13 +49,46 @@ PROCESSES: tuple[Process, ...] = (
         "timer, command",
         "gate; CANopen to drives and inputs",
         locked=True,
+        journaled=True,
     ),
-    Process("leader", "leader", 50, 40, "timer, requests", "LED array, guide and lock; CANopen to the I/O module"),
+    Process(
+        "leader",
+        "leader",
+        50,
+        40,
+        "timer, requests",
+        "LED array, guide and lock; CANopen to the I/O module",
+        journaled=True,
+    ),
     Process("follower-camera", "follower", 60, 30, "camera", "light → frame"),
-    Process("follower-estimator", "follower", 60, 30, "frame", "frame → docking state"),
-    Process("follower-controller", "follower", 20, 35, "every third docking state", "docking state → command"),
-    Process("follower-arms", "follower", 100, 40, "drives", "handle torques, contact from joint torque"),
-    Process("follower-supervisor", "follower", 20, 45, "timer, requests", "phases of a docking, arming"),
+    Process("follower-estimator", "follower", 60, 30, "frame", "frame → docking state", journaled=True),
+    Process(
+        "follower-controller",
+        "follower",
+        20,
+        35,
+        "every third docking state",
+        "docking state → command",
+        journaled=True,
+    ),
+    Process(
+        "follower-arms",
+        "follower",
+        100,
+        40,
+        "drives",
+        "handle torques, contact from joint torque",
+        journaled=True,
+    ),
+    Process(
+        "follower-supervisor",
+        "follower",
+        20,
+        45,
+        "timer, requests",
+        "phases of a docking, arming",
+        journaled=True,
+    ),
     Process("follower-gateway", "follower", 2, 10, "timer", "the robot's only network socket: pair channels, mTLS"),
     Process("leader-gateway", "leader", 2, 10, "timer", "the robot's only network socket: pair channels, mTLS"),
 )

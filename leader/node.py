@@ -38,9 +38,10 @@ class LeaderNode(Node):
             _log.warning("%s", kept.warning)
         self._kept = kept.count
         self._sequence = LeaderSequence(config.leader, config.leds, kept.count)
-        self._writer = BackgroundWriter(limit=4)
+        self._writer = context.device("writer", BackgroundWriter(limit=4))
         self._write_fault = ""
-        self._io = LeaderIo(config.leader_can, context.config_path, len(config.leds.positions_m))
+        io = LeaderIo(config.leader_can, context.config_path, len(config.leds.positions_m))
+        self._io = context.device("io", io)
         self._published: LeaderState | None = None
         self._steps = 0
         self._reopen_ns: int | None = None

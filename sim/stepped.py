@@ -13,14 +13,17 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
-from common.channels import Channel
+from common.channels import Channel, journal_channel, snapshot_channel
 from common.messages import Answer, Header, Message, decode
 from common.node import Inbox, Node, Outbox
 from common.processes import PROCESSES
+from common.recording import snapshot
+from common.recording.journal import JournalWriter, OpenStep
 from common.request_desk import RequestDesk
-from common.timing import NS_PER_MS, SteppedClock
+from common.timing import NS_PER_MS, NS_PER_S, SteppedClock
 
 TRANSPORT_DELAY_NS = NS_PER_MS // 3
 DURATION_NS: Mapping[str, int] = {
@@ -28,6 +31,9 @@ DURATION_NS: Mapping[str, int] = {
     "follower-estimator": 2 * NS_PER_MS,
     "follower-controller": 5 * NS_PER_MS,
 }
+JOURNAL_PERIOD_NS = NS_PER_S // 2
+SNAPSHOT_PERIOD_NS = 10 * NS_PER_S
+Tap = Callable[[Channel[Any], bytes, int], None]
 
 
 @dataclass
@@ -36,6 +42,7 @@ class _RunningNode:
     inbox: Inbox
     outbox: Outbox
     desk: RequestDesk
+    journal: JournalWriter | None = None
     due: bool = False
 
 
@@ -61,10 +68,18 @@ class SteppedExecutor:
     Args:
         nodes: started in this order, stopped in reverse.
         clock: advanced by the executor only; simulated devices may read it.
+        tap: called with every message as it leaves, and its time, for recording.
+        journals: of the nodes whose contexts have one, by the node's name; they go to ``tap``.
     """
 
-    def __init__(self, nodes: Sequence[Node], clock: SteppedClock) -> None:
-        self._clock = clock
+    def __init__(
+        self,
+        nodes: Sequence[Node],
+        clock: SteppedClock,
+        tap: Tap = lambda _channel, _payload, _time_ns: None,
+        journals: Mapping[str, JournalWriter] = MappingProxyType({}),
+    ) -> None:
+        self._clock, self._tap, self._journals = clock, tap, journals
         decoder = _SharedDecoder()
         self._running = [self._made(node, number, decoder) for number, node in enumerate(nodes, start=1)]
         self._receivers: dict[str, list[tuple[_RunningNode, bool]]] = {}
@@ -86,10 +101,15 @@ class SteppedExecutor:
                 running.node.start(self._clock.now_ns())
                 if running.node.trigger.period_ns:
                     self._at(self._clock.now_ns(), partial(self._periodic, running))
+            if self._journals:
+                self._keep_journals()
+                self._keep_snapshots()
             self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
+        if self._journals:
+            self._keep_journals()
         self._stack.close()
 
     def _stop(self, node: Node) -> None:
@@ -117,7 +137,27 @@ class SteppedExecutor:
     def _made(self, node: Node, number: int, decoder: _SharedDecoder) -> _RunningNode:
         boot_id = self._clock.boot_id
         outbox = Outbox(node.name, number, boot_id)
-        return _RunningNode(node, Inbox(boot_id, decoder), outbox, self.desk(outbox))
+        journal = self._journals.get(node.name)
+        return _RunningNode(node, Inbox(boot_id, decoder, journal), outbox, self.desk(outbox), journal)
+
+    def _keep_journals(self) -> None:
+        """Hand the journals' batches to the tap, now and at the end too."""
+        now_ns = self._clock.now_ns()
+        for running in self._running:
+            if running.journal is not None:
+                channel = journal_channel(running.node.name)
+                for batch in running.journal.batches():
+                    self._tap(channel, running.outbox.pack(channel, batch, now_ns), now_ns)
+        self._at(now_ns + JOURNAL_PERIOD_NS, self._keep_journals)
+
+    def _keep_snapshots(self) -> None:
+        now_ns = self._clock.now_ns()
+        for running in self._running:
+            if running.journal is not None:
+                channel = snapshot_channel(running.node.name)
+                for part in snapshot.take(running.node, running.inbox, running.journal.steps):
+                    self._tap(channel, running.outbox.pack(channel, part, now_ns), now_ns)
+        self._at(now_ns + SNAPSHOT_PERIOD_NS, self._keep_snapshots)
 
     def desk(self, outbox: Outbox) -> RequestDesk:
         """The desk of a process that begins now."""
@@ -157,15 +197,21 @@ class SteppedExecutor:
         if running.node.name in self._halted:
             return
         now_ns = self._clock.now_ns()
+        entry = running.journal.begin(now_ns) if running.journal is not None else None
         running.inbox.begin_step()
         outputs = running.node.step(now_ns, running.inbox)
+        if running.journal is not None and entry is not None:
+            running.journal.end(entry, len(outputs))
         leaves_ns = now_ns + DURATION_NS.get(running.node.name, 0)
         for channel, message in outputs:
-            self._at(leaves_ns, partial(self._send, running, channel, message))
+            self._at(leaves_ns, partial(self._send, running, entry, channel, message))
 
-    def _send(self, sender: _RunningNode, channel: Channel[Any], message: Message) -> None:
+    def _send(self, sender: _RunningNode, entry: OpenStep | None, channel: Channel[Any], message: Message) -> None:
         now_ns = self._clock.now_ns()
         payload = sender.outbox.pack(channel, message, now_ns)
+        if sender.journal is not None and entry is not None:
+            sender.journal.sent(entry, channel, message, payload, now_ns, sender.outbox.sequence(channel))
+        self._tap(channel, payload, now_ns)
         arrives_ns = now_ns + TRANSPORT_DELAY_NS
         if isinstance(message, Answer):
             sender.desk.settle(message, payload)

@@ -25,6 +25,9 @@ COMMANDS = {
         "experiment": "station.experiment:experiment",
         "bench": "station.bench:bench",
     },
+    "Record and replay": {
+        "replay": "station.replay.cli:replay_app",
+    },
     "Operate robots": {
         "dock": "station.operate.cli_dock:dock",
         "led": "station.operate.cli_leader:led",

@@ -23,6 +23,7 @@ from common.config.perception import (
     LensConfig,
     Quadruple,
 )
+from common.config.recorder import RecorderConfig
 from common.config.robots import Config
 from common.config.section import Coordinate, NonNegative, Pair, Positive, Section, Xyz, replaced
 
@@ -60,6 +61,7 @@ __all__ = [
     "Positive",
     "Quadruple",
     "RealtimeConfig",
+    "RecorderConfig",
     "Section",
     "SupervisorConfig",
     "TaughtConfig",

@@ -14,6 +14,7 @@ from common.config.docking import DockingConfig, SupervisorConfig
 from common.config.leader import LeaderConfig
 from common.config.network import NetworkConfig
 from common.config.perception import CameraConfig, EstimatorConfig, LedsConfig
+from common.config.recorder import RecorderConfig
 from common.config.section import Section
 from common.geometry import features_at
 
@@ -39,6 +40,7 @@ class Config(Section):
     leader_can: LeaderCanConfig
     leader: LeaderConfig
     network: NetworkConfig = NetworkConfig()
+    recorder: RecorderConfig = RecorderConfig()
     world: Annotated[dict[str, Any], Field(default_factory=dict)]
 
     @model_validator(mode="after")

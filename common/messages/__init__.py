@@ -25,6 +25,7 @@ from common.messages.fields import (
 )
 from common.messages.motion import ArmSetpoint, ArmState, Command, Drives, Mission, command_checksum, seal_command
 from common.messages.perception import DockingState, Frame
+from common.messages.records import NodeSnapshot, StepJournal
 from common.messages.requests import Answer, DockRequest, LedRequest, LockRequest, ManualRequest
 from common.messages.summaries import FollowerSummary, GatewayState, Health, LeaderState
 from common.messages.wire import Header, M, Message, MessageError, decode, encode
@@ -58,6 +59,7 @@ __all__ = [
     "MessageError",
     "Metres",
     "Mission",
+    "NodeSnapshot",
     "Ns",
     "Outcome",
     "Phase",
@@ -65,6 +67,7 @@ __all__ = [
     "RequestId",
     "Speed",
     "StateCause",
+    "StepJournal",
     "Text",
     "Torque",
     "command_checksum",

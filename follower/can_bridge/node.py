@@ -36,13 +36,14 @@ class CanBridgeNode(Node):
         config = context.config
         self._clock = context.clock
         self._readonly = config.follower_can.readonly
-        self._bus = DriveBus(
+        bus = DriveBus(
             config.follower_can,
             config.base,
             context.config_path,
             listen_only=self._readonly,
             clock_ns=context.clock.now_ns,
         )
+        self._bus = context.device("drives", bus)
         self._bridge = Bridge(config, context.clock.boot_id)
         self._shadow = Shadow(config.follower_can, config.base) if config.follower_can.shadow else None
         self._logged_ns = 0

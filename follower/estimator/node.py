@@ -31,7 +31,7 @@ class EstimatorNode(Node):
     def __init__(self, context: NodeContext) -> None:
         self._base = context.config.base
         self._leds = len(context.config.leds.points)
-        self._reader = FrameReader(context.runtime)
+        self._reader = context.device("frames", FrameReader(context.runtime))
         self._odometry = WheelOdometry(self._base)
         self._measured = (0.0, 0.0)
         self._estimator = StateEstimator(taught_robots(context.config, context.config_path))

@@ -65,10 +65,12 @@ class SupervisorNode(Node):
         self._phase = self._sequence.phase
         self._steps = 0
         self._report = AttemptReport(config)
-        self._journal = Journal(state_directory(context.config.state_directory, context.runtime))
+        journal = Journal(state_directory(context.config.state_directory, context.runtime))
+        self._journal = context.device("journal", journal)
         self._runs = RunWatch()
         self._late = LateWatch()
-        self._calibration = CalibrationWatch(context.config.camera, context.config_path, datetime.now(UTC).date())
+        calibration = CalibrationWatch(context.config.camera, context.config_path, datetime.now(UTC).date())
+        self._calibration = context.device("calibration", calibration)
 
     def step(self, now_ns: int, inputs: Inbox) -> Sequence[Output]:
         """One step of the docking, and of the manual mode, whose mission comes first while it is on."""

@@ -8,7 +8,7 @@ import queue
 import secrets
 import tempfile
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -156,6 +156,10 @@ class RobotLink:
     def watch(self, *channels: Channel[Any]) -> Watch:
         """The newest message of each of these channels, from now on."""
         return Watch(self._bus, self.clock, channels)
+
+    def overhear(self, take: Callable[[str, bytes, int], None]) -> None:
+        """Hand on key, payload and time of receipt of everything that is published, from now on."""
+        self._bus.overhear(lambda key, payload: take(key, payload, self.now_ns))
 
     def stream(self, *channels: Channel[Any]) -> Stream:
         """Every message of these channels, from now on."""

@@ -49,6 +49,10 @@ def sim(
     attach: Annotated[
         Path | None, typer.Option(help="folder of a Follower's sockets: dock with the processes that run there")
     ] = None,
+    record: Annotated[bool, typer.Option("--record", help="leave run.mcap in --out, for davpc replay")] = False,
+    frames: Annotated[
+        bool, typer.Option("--frames-all", help="with --record: every frame without loss, about 1 GB a docking")
+    ] = False,
     out: Annotated[Path, typer.Option(help="folder for results.json, pictures and logs")] = Path("out/sim"),
     config: ConfigOption = None,
     overrides: SetOption = None,
@@ -57,7 +61,7 @@ def sim(
     draw = _drawing(required=attach is None)
     console = Console(force_terminal=False if headless else None, highlight=False)
     chosen = [*(overrides or []), *_world_overrides(seed, start, scene)]
-    run = Run(config or default_config_path(), chosen, out, trolleys)
+    run = Run(config or default_config_path(), chosen, out, trolleys, record=record or frames, frames=frames)
     world = run.world
     x_m, y_m, theta_deg = world.start
     console.print(
@@ -80,7 +84,7 @@ def sim(
     results = report.write_results(done.records, done.cause, done.memory_mb, settings, out)
     drawn = draw(done.records, out)
     report.print_results(results, console)
-    written = [out / "results.json", *drawn]
+    written = [out / "results.json", *drawn, *sorted(out.glob("run*.mcap"))]
     console.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)
     if not results["connected"]:
         raise typer.Exit(EXIT_NOT_DOCKED)

@@ -29,6 +29,7 @@ from station.simulate.children import (
     stop_children,
     with_server,
 )
+from station.simulate.recording import live_recording
 from station.simulate.report import Memory
 from station.simulate.run import LOGS, RUN_TIMEOUT_S, STATION, Collection, Recorder, Run
 
@@ -50,7 +51,12 @@ def run_processes(run: Run) -> Collection:
                 run.out / LOGS,
                 server.fileno(),
             )
-            with RobotLink(runtime, run.config.network.namespace, STATION) as link:
+            with (
+                live_recording(run, runtime) as take,
+                RobotLink(runtime, run.config.network.namespace, STATION) as link,
+            ):
+                if run.record:
+                    link.overhear(take)
                 wanted = {entry.name for entry in ONE_MACHINE}
                 died = partial(death, children, run.out / LOGS)
                 return _Session(run, runtime, link, wanted, died, interrupted, children).collect()
@@ -70,7 +76,13 @@ def run_attached(run: Run, runtime: Path) -> Collection:
     """
     if not runtime.is_dir():
         raise ConfigError(f"--attach {runtime}: no robot runs here")
-    with interruptible() as interrupted, RobotLink(runtime, run.config.network.namespace, STATION) as link:
+    with (
+        interruptible() as interrupted,
+        live_recording(run, runtime) as take,
+        RobotLink(runtime, run.config.network.namespace, STATION) as link,
+    ):
+        if run.record:
+            link.overhear(take)
         # the Leader may be out of reach for a while, in an approach: the Follower's processes and the world may not
         near = {entry.name for entry in PROCESSES if entry.robot != "leader"} - {*GATEWAYS.values()}
         died = Absence(link.alive, near, link.clock)

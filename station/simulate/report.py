@@ -28,7 +28,7 @@ RESULTS = "results.json"
 # from when all is warm to the end of a run; samples of resident memory scatter by less
 _FLAT_MB = 5.0
 # what runs leave in their folder, beside their logs
-OUTPUTS = (RESULTS, "trajectory*.png", "timeseries*.png", "camera_frame*.png", "collection.png")
+OUTPUTS = (RESULTS, "trajectory*.png", "timeseries*.png", "camera_frame*.png", "collection.png", "run*.mcap")
 _LABELS = {
     "e_x_cm": "e_x  normal error, cm",
     "e_y_cm": "e_y  lateral error, cm",

@@ -27,13 +27,18 @@ Progress = Callable[[DockingRecord], None]
 
 @dataclass
 class Run:
-    """What to run: configuration file, overrides, where to put the logs, how many trolleys to dock."""
+    """What to run: configuration file, overrides, where to put the logs, how many trolleys to dock.
+
+    ``record``: leave ``run.mcap`` in ``out``; with ``frames`` every frame too, in ``run.frames.mcap``.
+    """
 
     config_path: Path
     overrides: list[str]
     out: Path
     trolleys: int = 1
     progress: Progress = lambda _record: None
+    record: bool = False
+    frames: bool = False
     config: Config = field(init=False)
     world: WorldConfig = field(init=False)
 

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from common.channels import DOCK_REQUEST, LOCK_REQUEST
-from common.config import load_config
+from common.config import Config, load_config
 from common.messages import DockRequest
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.processes import ONE_MACHINE
+from common.recording.journal import JournalWriter
 from common.timing import NS_PER_S, SteppedClock
 from experiments.queues.collector import Collector
 from sim.stepped import SteppedExecutor
 from station.interrupts import interruptible
 from station.simulate.children import runtime_directory
+from station.simulate.recording import stepped_recording
 from station.simulate.run import RUN_TIMEOUT_S, STATION, Collection, Recorder, Run
 
 
-class _StationNode(Node):
+class StationNode(Node):
     """Asks for the dockings and records them, in stepped time."""
 
     name = STATION
@@ -53,16 +56,17 @@ def run_stepped(run: Run) -> Collection:
     ]
     config = load_config(run.config_path, overrides)
     clock = SteppedClock()
-    with runtime_directory() as runtime, interruptible() as interrupted:
+    journals = {entry.name: JournalWriter() for entry in ONE_MACHINE if run.record and entry.journaled}
+    with runtime_directory() as runtime, interruptible() as interrupted, stepped_recording(run, runtime) as tap:
         collector = Collector(run.first, run.trolleys, clock.now_ns() + NS_PER_S)
         recorder = Recorder(config, runtime, collector)
         nodes = [
-            entry.factory()(NodeContext(config, run.config_path, runtime, number, clock))
+            entry.factory()(_context(run, config, runtime, number, clock, journals.get(entry.name)))
             for number, entry in enumerate(ONE_MACHINE, start=1)
         ]
-        nodes.append(_StationNode(recorder, collector))
+        nodes.append(StationNode(recorder, collector))
         end_ns = clock.now_ns() + round(run.trolleys * RUN_TIMEOUT_S * NS_PER_S)
-        with SteppedExecutor(nodes, clock) as executor:
+        with SteppedExecutor(nodes, clock, tap, journals) as executor:
             while not collector.finished and clock.now_ns() < end_ns and not interrupted():
                 executor.run(clock.now_ns() + NS_PER_S // 5)
                 run.progress(recorder.current)
@@ -70,3 +74,10 @@ def run_stepped(run: Run) -> Collection:
         if collector.finished:
             return Collection(recorder.records, collector.refused)
         return Collection(recorder.records, "interrupted" if interrupted() else "time_limit")
+
+
+def _context(
+    run: Run, config: Config, runtime: Path, number: int, clock: SteppedClock, journal: JournalWriter | None
+) -> NodeContext:
+    read_clock = clock if journal is None else journal.clock(clock)
+    return NodeContext(config, run.config_path, runtime, number, read_clock, journal)

@@ -22,6 +22,7 @@ WITH_CLOCK = {
     "common/bus.py",
     "common/executor.py",
     "common/files/writer.py",
+    "common/recording/live.py",
     "sim/can/server.py",
 }
 
@@ -88,7 +89,8 @@ def test_algorithms_read_no_clock_and_start_no_thread() -> None:
         if str(path.relative_to(ROOT)) not in WITH_CLOCK and path not in NODES
         for module in modules_of(path) & {"time", "threading", "asyncio", "multiprocessing"}
     }
-    allowed = {"common/node.py: threading"}  # the inbox's lock
+    # the inbox's lock; the journal asks which thread it is
+    allowed = {"common/node.py: threading", "common/recording/journal.py: threading"}
     drivers = {o for o in offenders if o.startswith(("common/canopen/bus.py", "follower/camera/"))}
     assert offenders - allowed - drivers == set()
 
@@ -106,13 +108,14 @@ def test_the_simulated_backend_is_named_only_where_the_design_allows_it() -> Non
 def test_zenoh_and_can_are_behind_one_door_each() -> None:
     using = {
         module: {str(p.relative_to(ROOT)) for p in sources(*PACKAGES) if module in modules_of(p)}
-        for module in ("zenoh", "can", "canopen")
+        for module in ("zenoh", "can", "canopen", "mcap")
     }
     doors = {module: {path for path in files if not path.startswith("sim/")} for module, files in using.items()}
     assert doors == {
         "zenoh": {"common/bus.py"},
         "can": {"common/canopen/bus.py"},
         "canopen": {"common/canopen/node.py"},
+        "mcap": {"common/recording/mcap_file.py"},
     }
 
 
