@@ -12,7 +12,7 @@ from common.config.can import (
 from common.config.control import BaseConfig, CompensationConfig, ControllerConfig, LimitsConfig, RealtimeConfig
 from common.config.docking import DockingConfig, SupervisorConfig, TaughtConfig
 from common.config.leader import LeaderConfig
-from common.config.loading import M, default_config_path, load_config, validate
+from common.config.loading import M, default_config_path, load_config, validate, with_overrides
 from common.config.network import DEFAULT_NAMESPACE, CertificateName, GatewayConfig, NetworkAddress, NetworkConfig
 from common.config.perception import (
     BrightnessConfig,
@@ -70,4 +70,5 @@ __all__ = [
     "load_config",
     "replaced",
     "validate",
+    "with_overrides",
 ]

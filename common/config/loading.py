@@ -38,6 +38,23 @@ def load_config(path: Path, overrides: Sequence[str] = ()) -> Config:
     return validate(Config, table, str(path))
 
 
+def with_overrides(config: Config, overrides: Sequence[str], origin: str) -> Config:
+    """A configuration with ``table.key=value`` applied to it.
+
+    Args:
+        config: to begin with.
+        overrides: with TOML values.
+        origin: of the configuration, for errors.
+
+    Raises:
+        ConfigError: a key is unknown, a value out of range.
+    """
+    table = config.model_dump()
+    for override in overrides:
+        _apply(table, override)
+    return validate(Config, table, origin)
+
+
 def validate(model: type[M], table: Mapping[str, Any], origin: str) -> M:
     """Check a table against its model; an error begins with ``origin``, a file or a file and a table.
 
