@@ -33,7 +33,7 @@ EXIT_BUG, EXIT_CONFIG, EXIT_DEVICE = 1, 2, 3
 REQUEST_TIMEOUT_S = 1.0
 _IDLE_S = 0.01
 _HEALTH_PERIOD_NS = NS_PER_S // 2
-_SNAPSHOT_PERIOD_NS, _SECOND_SNAPSHOT_NS = 10 * NS_PER_S, NS_PER_S
+_SNAPSHOT_PERIOD_NS, _SECOND_SNAPSHOT_NS = 8 * NS_PER_S, NS_PER_S
 
 
 def run_process(name: str, config_path: Path, runtime: Path, overrides: Sequence[str] = ()) -> int:
@@ -277,7 +277,7 @@ class ProcessExecutor:
             self._publish_journal(self._journal)
 
     def _publish_journal(self, journal: JournalWriter) -> None:
-        """What the steps consumed since the last report; every ten seconds the node's state before the next step."""
+        """What the steps consumed since the last report; every 8 s the node's state before the next step."""
         name, now_ns = self._node.name, self._clock.now_ns()
         self._publish([(journal_channel(name), batch) for batch in journal.batches()])
         if now_ns >= self._snapshot_due_ns:

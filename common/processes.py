@@ -89,13 +89,19 @@ PROCESSES: tuple[Process, ...] = (
         "phases of a docking, arming",
         journaled=True,
     ),
+    Process(
+        "follower-recorder", "follower", 1, 1, "everything published", "a file of each docking, for replay and report"
+    ),
     Process("follower-gateway", "follower", 2, 10, "timer", "the robot's only network socket: pair channels, mTLS"),
     Process("leader-gateway", "leader", 2, 10, "timer", "the robot's only network socket: pair channels, mTLS"),
 )
 
 GATEWAYS = {"follower": "follower-gateway", "leader": "leader-gateway"}
-# the processes when both robots share one machine and one mesh
-ONE_MACHINE: tuple[Process, ...] = tuple(entry for entry in PROCESSES if entry.name not in GATEWAYS.values())
+RECORDER = "follower-recorder"
+# the processes when both robots share one machine and one mesh; there the station records
+ONE_MACHINE: tuple[Process, ...] = tuple(
+    entry for entry in PROCESSES if entry.name not in (*GATEWAYS.values(), RECORDER)
+)
 
 
 def process(name: str) -> Process:

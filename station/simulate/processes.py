@@ -13,7 +13,7 @@ from typing import Any
 from common.channels import DOCK_REQUEST, LOCK_REQUEST, Channel
 from common.errors import ConfigError
 from common.messages import LockRequest, MessageError
-from common.processes import GATEWAYS, ONE_MACHINE, PROCESSES
+from common.processes import GATEWAYS, ONE_MACHINE, PROCESSES, RECORDER
 from common.timing import NS_PER_MS, NS_PER_S
 from experiments.queues.collector import Collector
 from station.interrupts import interruptible
@@ -84,9 +84,11 @@ def run_attached(run: Run, runtime: Path) -> Collection:
         if run.record:
             link.overhear(take)
         # the Leader may be out of reach for a while, in an approach: the Follower's processes and the world may not
-        near = {entry.name for entry in PROCESSES if entry.robot != "leader"} - {*GATEWAYS.values()}
+        near = {entry.name for entry in PROCESSES if entry.robot != "leader"} - {*GATEWAYS.values(), RECORDER}
         died = Absence(link.alive, near, link.clock)
-        return _Session(run, runtime, link, {entry.name for entry in PROCESSES}, died, interrupted, {}).collect()
+        return _Session(
+            run, runtime, link, {entry.name for entry in PROCESSES} - {RECORDER}, died, interrupted, {}
+        ).collect()
 
 
 class _Session:

@@ -38,6 +38,9 @@ def unit_path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return folder
 
 
+RECORDER_UNIT = "davpc-follower-recorder.service"
+
+
 def analyze(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         ["systemd-analyze", "--no-pager", *arguments],
@@ -79,7 +82,7 @@ def test_the_simulated_backend_comes_with_the_follower_in_its_variant_only() -> 
 
 
 @pytest.mark.parametrize("unit", SERVICES)
-def test_a_process_that_fails_for_good_leads_to_the_safe_target_unless_it_is_a_gateway(unit: str) -> None:
+def test_a_process_that_fails_for_good_leads_to_the_safe_target_unless_robots_dock_without_it(unit: str) -> None:
     settings = merged(unit)
     assert settings["Service.Type"] == ["notify"]
     assert settings["Service.WatchdogSec"] == ["2"]
@@ -89,6 +92,8 @@ def test_a_process_that_fails_for_good_leads_to_the_safe_target_unless_it_is_a_g
     if unit.endswith("-gateway.service"):
         assert settings["Unit.OnFailure"] == []
         assert settings["Unit.StartLimitIntervalSec"][-1] == "0"
+    elif unit == RECORDER_UNIT:
+        assert settings["Unit.OnFailure"] == [], "a docking needs no record"
     else:
         assert words(settings, "Unit.OnFailure") == {SAFE, "davpc_safe@%N.service"}
         assert settings["Unit.StartLimitIntervalSec"] == ["60"]
