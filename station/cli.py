@@ -26,7 +26,10 @@ COMMANDS = {
         "bench": "station.bench:bench",
     },
     "Record and replay": {
+        "report": "station.report.cli:report_app",
         "replay": "station.replay.cli:replay_app",
+        "trace": "station.export.cli:trace_app",
+        "export": "station.export.cli:tables_app",
     },
     "Operate robots": {
         "dock": "station.operate.cli_dock:dock",

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import functools
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 from common.config import Config, load_config
-from common.node import NodeContext
+from common.node import Node, NodeContext
 from common.processes import ONE_MACHINE
 from common.recording.files import RecordingFiles
 from common.recording.journal import JournalWriter
 from common.recording.run import FramePictures
 from common.timing import NS_PER_S, SteppedClock
 from experiments.queues.collector import Collector
+from sim.node import WorldNode
 from sim.stepped import SteppedExecutor
 from sim.world_message import WORLD
 from station.simulate.run import Recorder
@@ -30,8 +32,32 @@ def recording_config(*overrides: str) -> Config:
     return load_config(CONFIG_PATH, [*chosen, *overrides])
 
 
-def record(path: Path, config: Config, seconds: float = RUN_S, *, lossless: bool = False) -> Path:
-    """Record the first seconds of a docking."""
+class Rig:
+    """What a fault is injected into."""
+
+    def __init__(self, executor: SteppedExecutor, world: WorldNode) -> None:
+        self.executor, self.plant, self.follower = executor, world.plant, world._follower
+
+
+def record(
+    path: Path,
+    config: Config,
+    seconds: float = RUN_S,
+    *,
+    lossless: bool = False,
+    fault: Callable[[Rig], None] | None = None,
+    fault_s: float = 0.0,
+) -> Path:
+    """Record the first seconds of a docking.
+
+    Args:
+        path: of the recording.
+        config: of the robots.
+        seconds: how long at most; it ends half a second after the docking.
+        lossless: keep every frame.
+        fault: injected at ``fault_s``.
+        fault_s: when [s].
+    """
     clock = SteppedClock()
     journals = {entry.name: JournalWriter() for entry in ONE_MACHINE if entry.journaled}
     files = RecordingFiles(path, config, {"seed": "1"}, lossless=lossless, further=(WORLD,))
@@ -39,20 +65,27 @@ def record(path: Path, config: Config, seconds: float = RUN_S, *, lossless: bool
         runtime = Path(folder)
         pictures = FramePictures(runtime, 1.0, 80, lossless=lossless)
         collector = Collector(1, 1, clock.now_ns() + NS_PER_S)
-        nodes = []
+        nodes: list[Node] = []
         for number, entry in enumerate(ONE_MACHINE, start=1):
             journal = journals.get(entry.name)
             read_clock = clock if journal is None else journal.clock(clock)
             context = NodeContext(config, CONFIG_PATH, runtime, number, read_clock, journal)
             nodes.append(entry.factory()(context))
-        nodes.append(StationNode(Recorder(config, runtime, collector), collector))
+        recorder = Recorder(config, runtime, collector)
+        nodes.append(StationNode(recorder, collector))
         with SteppedExecutor(
             nodes,
             clock,
             lambda channel, payload, time_ns: files.take(pictures.item(channel.key, payload, time_ns)),
             journals,
         ) as executor:
-            executor.run(round(seconds * NS_PER_S))
+            if fault is not None:
+                executor.run(round(fault_s * NS_PER_S))
+                world = nodes[0]
+                assert isinstance(world, WorldNode)
+                fault(Rig(executor, world))
+            executor.run(round(seconds * NS_PER_S), lambda: recorder.current.phase in ("aborted", "done"))
+            executor.run(clock.now_ns() + NS_PER_S // 2)
     files.close()
     return path
 

@@ -1,0 +1,1 @@
+"""``davpc export`` and ``davpc trace``: a recording as tables, and its way from image to CAN."""
