@@ -27,6 +27,6 @@ def lock_memory() -> str:
 
 def _privileged() -> bool:
     """Whether this process has CAP_IPC_LOCK, which overrides the limit."""
-    lines = Path("/proc/self/status").read_text().splitlines()
+    lines = Path("/proc/self/status").read_text().split("\n")
     (effective,) = (int(line.split()[1], 16) for line in lines if line.startswith("CapEff:"))
     return bool(effective >> _CAP_IPC_LOCK & 1)

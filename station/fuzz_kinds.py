@@ -57,7 +57,7 @@ def _attempt(number: int) -> dict[str, object]:
 
 def _read_attempts(path: Path, config: Config) -> str:
     """A line that is whole is read, whatever stands beside it."""
-    whole = set(_attempts_example(config).splitlines())
+    whole = set(_attempts_example(config).split(b"\n")) - {b""}
     intact = sum(line in whole for line in path.read_bytes().split(b"\n"))
     records, unreadable = read_attempts(path, 20)
     report_lines(summarise(records, unreadable))

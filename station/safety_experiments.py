@@ -18,6 +18,7 @@ from experiments.soak import experiment as soak
 from experiments.soak import real as real_soak
 from experiments.stop_times import experiment as stop_times
 from station.fuzz_kinds import STATION_KINDS
+from station.interrupts import resumable
 from station.options import (
     CORES,
     CasesOption,
@@ -118,7 +119,9 @@ def run_campaign(
     robots = loaded(config, overrides)
     measured = real_processes.run(out, config, seeds, seed, chosen, typer.echo) if processes else ([], [])
     workers = Workers(jobs, cluster)
-    judge(out, campaign.run(out, seed, workers, robots, seeds, chosen, controls=controls, measured=measured))
+    with resumable(out):
+        results = campaign.run(out, seed, workers, robots, seeds, chosen, controls=controls, measured=measured)
+    judge(out, results)
 
 
 @safety.command("fuzz", epilog="Example:  davpc experiment fuzz --messages 300000 --jobs 2")
@@ -163,4 +166,6 @@ def run_soak(
     if real is not None:
         judge(out, real_soak.run(out, config, real, overrides or [], typer.echo))
     else:
-        judge(out, soak.run(out, seed, Workers(jobs, cluster), loaded(config, overrides), hours))
+        with resumable(out):
+            results = soak.run(out, seed, Workers(jobs, cluster), loaded(config, overrides), hours)
+        judge(out, results)

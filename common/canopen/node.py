@@ -224,7 +224,8 @@ def load_dictionary(eds: Path, node_id: int) -> Any:
     except OSError as error:
         raise ConfigError(f"{eds}: cannot be read: {error.strerror}") from error
     except Exception as error:  # the parser raises many kinds of errors
-        raise ConfigError(f"{eds}: not an EDS: {str(error).splitlines()[0]}") from error
+        first_line = str(error).partition("\n")[0]
+        raise ConfigError(f"{eds}: not an EDS: {first_line}") from error
     if not dictionary.names:
         raise ConfigError(f"{eds}: not an EDS: it describes no object")
     return dictionary

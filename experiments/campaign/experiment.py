@@ -6,12 +6,9 @@ after each run: the same call with the same folder goes on where it stopped.
 
 from __future__ import annotations
 
-import hashlib
-import json
-import shutil
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +16,14 @@ from common.config import Config
 from experiments.campaign.controls import CONTROLS, STAND_IN
 from experiments.campaign.judge import Verdict
 from experiments.campaign.plot import draw_matrix, matrix
-from experiments.campaign.rows import ROWS, Row
+from experiments.campaign.rows import ROWS
 from experiments.campaign.trunk import PHASES, FaultTask, run_seed
 from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import missed_note, row, write_results
+from experiments.shared.unfinished import Unfinished, file_of, finished
 
 TO_THE_END = 10
 """One seed in so many follows the dockings of a row to their end, each row in another seed."""
-_UNFINISHED = "unfinished"
 
 
 @dataclass(frozen=True)
@@ -64,19 +61,19 @@ def run(
         measured: rows of results from real processes, and what of them is not right.
     """
     text = config.model_dump_json()
-    folder = out / _UNFINISHED
-    folder.mkdir(parents=True, exist_ok=True)
     todo = []
     for i in range(seeds):
         every = control_tasks(rows) if controls else tasks_of(i, rows)
-        todo.append(_job(text, seed + i, tuple(task for task in every if task.phase in phases), folder))
+        tasks = tuple(task for task in every if task.phase in phases)
+        file = file_of(out, f"seed-{seed + i:05}", text, tasks)
+        todo.append(Job(text, seed + i, tasks, str(file)))
     done = _done([job for job in todo if job.tasks], workers)
     runs = [each for runs_of_seed in done for each in runs_of_seed]
     if controls:
         results = _write_controls(out, seed, seeds, config, runs)
     else:
         results = _write(out, seed, seeds, config, rows, runs, measured)
-    shutil.rmtree(folder)
+    finished(Path(job.kept) for job in todo)
     return results
 
 
@@ -85,20 +82,15 @@ def _done(todo: list[Job], workers: Workers) -> list[list[Verdict]]:
     if not workers.cluster:
         return run_all(seed_job, todo, workers, "campaign")
     files = {job.seed: Path(job.kept) for job in todo}
-    left = [replace(job, kept="", tasks=_left(job.tasks, _kept(files[job.seed]))) for job in todo]
+    left = [replace(job, kept="", tasks=_left(job.tasks, _file(files[job.seed]).read())) for job in todo]
     run_all(
         seed_job,
         [job for job in left if job.tasks],
         workers,
         "campaign",
-        keep=lambda job, runs: _keep(files[job.seed], runs),
+        keep=lambda job, runs: _file(files[job.seed]).keep(runs),
     )
     return [seed_job(job) for job in todo]
-
-
-def _job(text: str, seed: int, tasks: tuple[FaultTask, ...], folder: Path) -> Job:
-    digest = hashlib.sha256(f"{text} {tasks}".encode()).hexdigest()[:12]
-    return Job(text, seed, tasks, str(folder / f"seed-{seed:05}-{digest}.jsonl"))
 
 
 def tasks_of(index: int, rows: Sequence[str]) -> tuple[FaultTask, ...]:
@@ -114,10 +106,6 @@ def tasks_of(index: int, rows: Sequence[str]) -> tuple[FaultTask, ...]:
         for name in rows
         for phase, fault in (ROWS[name].tasks(index) if ROWS[name].faults else ())
     )
-
-
-def _to_end(turn: int, row: Row) -> bool:
-    return bool(row.ends) and turn % TO_THE_END == 0
 
 
 def control_tasks(rows: Sequence[str]) -> tuple[FaultTask, ...]:
@@ -138,29 +126,18 @@ def seed_job(job: Job) -> list[Verdict]:
     """Run what of one seed is not in its file yet, and keep each run there as it is done; all of them, in order."""
     if not job.kept:
         return list(run_seed(job.config_text, job.seed, job.tasks))
-    file = Path(job.kept)
-    runs = _kept(file)
-    left = _left(job.tasks, runs)
+    file = _file(Path(job.kept))
+    runs = {_key(each): each for each in file.read()}
+    left = _left(job.tasks, list(runs.values()))
     if left:
         for each in run_seed(job.config_text, job.seed, left):
-            runs.append(each)
-            _keep(file, [each])
-    order = {_key(task): place for place, task in enumerate(job.tasks)}
-    return sorted(runs, key=lambda each: order[_key(each)])
+            runs[_key(each)] = each
+            file.keep([each])
+    return [runs[_key(task)] for task in job.tasks]
 
 
-def _kept(file: Path) -> list[Verdict]:
-    """What an earlier call did; a line that was cut short is removed."""
-    lines = file.read_text(encoding="utf-8").splitlines(keepends=True) if file.exists() else []
-    whole = [line for line in lines if line.endswith("\n")]
-    if whole != lines:
-        file.write_text("".join(whole), encoding="utf-8")
-    return [Verdict(**_tuples(json.loads(line))) for line in whole]
-
-
-def _keep(file: Path, runs: Sequence[Verdict]) -> None:
-    with file.open("a", encoding="utf-8") as lines:
-        lines.writelines(json.dumps(asdict(each), ensure_ascii=False) + "\n" for each in runs)
+def _file(path: Path) -> Unfinished[Verdict]:
+    return Unfinished(path, Verdict)
 
 
 def _left(tasks: tuple[FaultTask, ...], runs: Sequence[Verdict]) -> tuple[FaultTask, ...]:
@@ -170,10 +147,6 @@ def _left(tasks: tuple[FaultTask, ...], runs: Sequence[Verdict]) -> tuple[FaultT
 
 def _key(of: FaultTask | Verdict) -> tuple[str, ...]:
     return of.row, of.phase, of.fault, of.control
-
-
-def _tuples(entry: dict[str, Any]) -> dict[str, Any]:
-    return {**entry, "unsafe": tuple(entry["unsafe"])}
 
 
 def counted(runs: Sequence[Verdict]) -> dict[str, float | None]:

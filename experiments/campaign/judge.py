@@ -108,7 +108,8 @@ def broken(row: str, phase: str, fault: str, seed: int, control: str, why: str) 
         row, phase, fault, seed, control: as in :class:`Verdict`.
         why: a traceback; its last line is kept.
     """
-    unsafe = (f"the experiment failed: {why.strip().splitlines()[-1]}",)
+    last_line = why.strip().rpartition("\n")[2]
+    unsafe = (f"the experiment failed: {last_line}",)
     return Verdict(
         row=row, phase=phase, fault=fault, seed=seed, control=control, reaction="none", ms=None, cause="", end="",
         unsafe=unsafe, wrong_reaction=False, wrong_cause=False, late=False,

@@ -234,8 +234,8 @@ def planned_config(plan: QueuePlan) -> Config:
 
 def _keep_reports(dockings: list[Docking], path: Path) -> None:
     """Give each docking the newest record of its trolley."""
-    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-    records = {record["trolley"]: record for record in map(json.loads, lines)}
+    lines = path.read_text(encoding="utf-8").split("\n") if path.is_file() else []
+    records = {record["trolley"]: record for record in map(json.loads, filter(None, lines))}
     for docking in dockings:
         docking.report = records.get(docking.trolley)
 

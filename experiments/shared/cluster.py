@@ -100,4 +100,4 @@ def _children() -> Children:
 
 
 def _first_line(error: BaseException) -> str:
-    return (str(error) or type(error).__name__).splitlines()[0]
+    return (str(error) or type(error).__name__).partition("\n")[0]

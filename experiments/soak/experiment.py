@@ -6,10 +6,7 @@ where it stopped. Everything in the results depends on the seed alone, but the m
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
-import shutil
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -19,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from common.config import Config
-from common.files.writer import write_json
 from experiments.shared.executor import Workers, run_all
 from experiments.shared.results import missed_note, row, write_results
+from experiments.shared.unfinished import Unfinished, file_of, finished
 from experiments.soak.resources import slope_per_h
 from experiments.soak.shift import FAULT_SHARE, TRIES, TROLLEYS, Docked, Shift, Worked, work
 
@@ -32,7 +29,6 @@ WARM_UP = 3
 MOST_MB_PER_H = 5.0
 # fewer are not judged: an allocator gives back some 10 MB now and then
 JUDGED_SHIFTS = 4
-_UNFINISHED = "unfinished"
 
 
 def run(out: Path, seed: int, workers: Workers, config: Config, hours: float = 24.0) -> dict[str, Any]:
@@ -45,19 +41,17 @@ def run(out: Path, seed: int, workers: Workers, config: Config, hours: float = 2
         config: the robots.
         hours: simulated hours.
     """
-    folder = out / _UNFINISHED
-    folder.mkdir(parents=True, exist_ok=True)
     todo = shifts(config, seed, hours)
-    kept = {job.seed: _read(_file(folder, job)) for job in todo}
+    files = {job.seed: Unfinished(file_of(out, f"shift-{job.seed}", job), Worked) for job in todo}
+    kept = {number: done for number, file in files.items() if (done := file.read())}
 
     def keep(job: Shift, worked: Worked) -> None:
-        kept[job.seed] = worked
-        write_json(_file(folder, job), asdict(worked))
+        kept[job.seed] = [worked]
+        files[job.seed].keep([worked])
 
-    run_all(work, [job for job in todo if kept[job.seed] is None], workers, "soak", keep=keep)
-    done = [worked for job in todo if (worked := kept[job.seed]) is not None]
-    results = _write(out, seed, config, hours, done)
-    shutil.rmtree(folder)
+    run_all(work, [job for job in todo if job.seed not in kept], workers, "soak", keep=keep)
+    results = _write(out, seed, config, hours, [kept[job.seed][0] for job in todo])
+    finished(file.file for file in files.values())
     return results
 
 
@@ -66,23 +60,6 @@ def shifts(config: Config, seed: int, hours: float) -> list[Shift]:
     count = math.ceil(3600.0 * hours / SHIFT_S)
     text = config.model_dump_json()
     return [Shift(config_text=text, seed=100_000 * seed + i, seconds=3600.0 * hours / count) for i in range(count)]
-
-
-def _file(folder: Path, job: Shift) -> Path:
-    digest = hashlib.sha256(repr(job).encode()).hexdigest()[:12]
-    return folder / f"shift-{job.seed}-{digest}.json"
-
-
-def _read(file: Path) -> Worked | None:
-    """What an earlier call did."""
-    if not file.exists():
-        return None
-    content = json.loads(file.read_text(encoding="utf-8"))
-    return Worked(
-        trolleys=[Docked(**entry) for entry in content["trolleys"]],
-        seconds=content["seconds"],
-        memory=[(t_s, mb) for t_s, mb in content["memory"]],
-    )
 
 
 def _write(out: Path, seed: int, config: Config, hours: float, done: Sequence[Worked]) -> dict[str, Any]:

@@ -181,7 +181,7 @@ def _reported(video: VideoDevice, prop: int) -> float:
 
 
 def _first_line(error: cv2.error) -> str:
-    return str(error).strip().splitlines()[0]
+    return str(error).strip().partition("\n")[0]
 
 
 def _grey(pixels: Any, shape: tuple[int, ...]) -> Image | None:

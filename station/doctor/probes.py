@@ -99,9 +99,7 @@ def unit_states(names: Iterable[str]) -> dict[str, UnitState] | None:
 
 def parse_units(output: str) -> dict[str, UnitState]:
     """Blocks of ``systemctl show``, separated by empty lines."""
-    blocks = [
-        dict(line.split("=", 1) for line in block.splitlines() if "=" in line) for block in output.split("\n\n")
-    ]
+    blocks = [dict(line.split("=", 1) for line in block.split("\n") if "=" in line) for block in output.split("\n\n")]
     return {
         block["Id"]: UnitState(
             block.get("LoadState", ""),

@@ -149,7 +149,7 @@ def death(children: Children, logs: Path) -> str:
 def _last_words(path: Path) -> str:
     """What the process logged as its last error."""
     log = path.read_text(encoding="utf-8", errors="replace")
-    errors = [line.partition(" ERROR ")[2] for line in log.splitlines() if " ERROR " in line]
+    errors = [line.partition(" ERROR ")[2] for line in log.split("\n") if " ERROR " in line]
     return errors[-1] if errors else f"see {path.parent.name}/{path.name}"
 
 

@@ -105,6 +105,11 @@ def test_the_simulated_backend_is_named_only_where_the_design_allows_it() -> Non
     assert all(name.startswith("station/simulate/") for name in named)
 
 
+def test_lines_end_at_the_line_feed_alone() -> None:
+    """``str.splitlines`` also breaks at U+2028 and its like, which JSON and logs may contain within a line."""
+    assert [str(path.relative_to(ROOT)) for path in sources(*PACKAGES) if ".splitlines(" in path.read_text()] == []
+
+
 def test_zenoh_and_can_are_behind_one_door_each() -> None:
     using = {
         module: {str(p.relative_to(ROOT)) for p in sources(*PACKAGES) if module in modules_of(p)}

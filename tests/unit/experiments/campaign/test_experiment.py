@@ -73,4 +73,7 @@ def test_a_run_that_was_interrupted_is_not_repeated(config: Config, tmp_path: Pa
     kept = tmp_path / "seed.jsonl"
     before = broken("S28", tasks[0].phase, tasks[0].fault, 1, "", "of an earlier call")
     kept.write_text(json.dumps(asdict(before)) + "\n")
-    assert seed_job(Job(config.model_dump_json(), 1, tasks, str(kept))) == [before]
+    job = Job(config.model_dump_json(), 1, tasks, str(kept))
+    assert seed_job(job) == [before]
+    kept.write_bytes(3 * kept.read_bytes() + kept.read_bytes()[:50])
+    assert seed_job(job) == [before]

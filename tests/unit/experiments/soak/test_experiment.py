@@ -65,8 +65,10 @@ def test_an_interrupted_soak_goes_on_and_one_end_without_a_name_fails_it(
     monkeypatch.setattr(experiment, "work", fake)
     with pytest.raises(KeyboardInterrupt):
         experiment.run(tmp_path, 1, ALONE, config, 2.0)
+    (torn,) = (tmp_path / "unfinished").glob("shift-100001-*")
+    torn.write_bytes(torn.read_bytes()[:-20])
     results = experiment.run(tmp_path, 1, ALONE, config, 2.0)
-    assert done == [100_000, 100_001, 0, 100_002, 100_003]
+    assert done == [100_000, 100_001, 0, 100_001, 100_002, 100_003]
     assert results["settings"]["missed"] == []
     assert results["settings"]["causes"] == {"done": 4}
     assert results["rows"][0]["metrics"]["docked_share"] == 1.0
