@@ -11,6 +11,8 @@ from experiments.campaign import experiment as campaign
 from experiments.campaign import processes as real_processes
 from experiments.campaign.rows import ROWS
 from experiments.fuzz import experiment as fuzz
+from experiments.fuzz import live as live_fuzz
+from experiments.load import experiment as load
 from experiments.queues import incidents, linkcut
 from experiments.queues.incident_cases import CASES
 from experiments.shared.executor import Workers
@@ -130,6 +132,10 @@ def run_fuzz(
     frames: Annotated[int, typer.Option(min=0, help="malformed CAN frames, a fifth of them to the Leader")] = 20_000,
     files: Annotated[int, typer.Option(min=0, help="mutations of each kind of file, and every truncation")] = 1_000,
     seconds: Annotated[float, typer.Option(min=0.0, help="end sooner, after this time; 0: when all is sent")] = 0.0,
+    live: Annotated[
+        int | None,
+        typer.Option(min=1000, help="instead: malformed messages into running processes", show_default="–"),
+    ] = None,
     seed: SeedOption = 1,
     jobs: JobsOption = CORES,
     cluster: ClusterOption = "",
@@ -141,6 +147,9 @@ def run_fuzz(
 
     Exit code 1 if anything does; each such input is kept in findings/ of --out.
     """
+    if live is not None:
+        judge(out, live_fuzz.run(out, config, seed, live, overrides or [], typer.echo))
+        return
     plan = fuzz.FuzzPlan(messages=messages, frames=frames, files=files, seconds=seconds)
     judge(out, fuzz.run(out, seed, Workers(jobs, cluster), loaded(config, overrides), plan, STATION_KINDS))
 
@@ -169,3 +178,20 @@ def run_soak(
         with resumable(out):
             results = soak.run(out, seed, Workers(jobs, cluster), loaded(config, overrides), hours)
         judge(out, results)
+
+
+@safety.command("load", epilog="Example:  davpc experiment load --cases stranger,impostor,ports --seconds 20")
+def run_load(
+    seconds: Annotated[float, typer.Option(min=1.0, help="of each load")] = 15.0,
+    cases: CasesOption = "",
+    out: OutOption = Path("out/load"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Both robots with their network as real processes under load: what gives, in which order, whether safely.
+
+    CPU, disk, floods by a stranger and by an impostor, garbage on the gateways' ports, 200 subscribers.
+    Exit code 1 if commands pause for more than 120 ms without a stop, or anything is not normal 1 s afterwards.
+    """
+    chosen = names(cases, tuple(load.LOADS), "load")
+    judge(out, load.run(out, config, seconds, overrides or [], typer.echo, chosen))

@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import secrets
 import socket
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from common.bus import Bus
-from common.channels import DOCK_REQUEST, LEADER_STATE, MISSION, health_channel
-from common.config import load_config
+from common.channels import DOCK_REQUEST, DRIVES, LEADER_STATE, MISSION, Channel, health_channel
+from common.config import BusConfig, load_config
 from common.executor import earlier_processes
-from common.messages import Answer, DockRequest, Health, LeaderState, Mission, decode
+from common.messages import Answer, DockRequest, Drives, Health, LeaderState, MessageError, Mission, decode
 from common.node import Outbox
-from common.processes import ONE_MACHINE
+from common.processes import ONE_MACHINE, PROCESSES
 from common.timing import NS_PER_S, MonotonicClock
+from experiments.shared.operator import Operator
 from experiments.shared.process import Starter, wait_for
+from experiments.stop_times.watch import BusTap
+from gateway.access import OTHER
 from sim.world_message import WORLD, WorldState
 
 READY_S = 40.0
@@ -34,16 +39,23 @@ class Fleet:
         config_path: TOML file of the pair.
         logs: folder of the processes' logs.
         overrides: of the configuration, as ``table.key=value``.
+        credentials: folder of the gateways' certificates: each robot has a mesh of its own, as on two
+            computers; None: both share one, without gateways.
     """
 
-    def __init__(self, config_path: Path, logs: Path, overrides: Sequence[str] = ()) -> None:
+    def __init__(
+        self, config_path: Path, logs: Path, overrides: Sequence[str] = (), credentials: Path | None = None
+    ) -> None:
         self._path, self._logs, self._overrides = config_path, logs, overrides
+        self._credentials = credentials
+        self.ports: dict[str, int] = {}
         self._stack = contextlib.ExitStack()
         self._clock = MonotonicClock()
         self.children: dict[str, subprocess.Popen[bytes]] = {}
         self.mission: Mission | None = None
         self.leader: LeaderState | None = None
         self.world: WorldState | None = None
+        self.drives: Drives | None = None
         self.health: dict[str, Health] = {}
 
     def __enter__(self) -> Fleet:
@@ -55,9 +67,14 @@ class Fleet:
             self.address: tuple[str, int] = host, port
             buses = [f"{robot}_can.bus" for robot in ("follower", "leader")]
             overrides = [f'{bus}.host="{host}"' for bus in buses] + [f"{bus}.port={port}" for bus in buses]
-            overrides += [f"world.can_server_fd={server.fileno()}", *self._overrides]
+            overrides += [f"world.can_server_fd={server.fileno()}", *self._network(), *self._overrides]
             self.config = load_config(self._path, overrides)
-            self._starter = Starter(self._path, overrides, self.runtime, self._logs, (server.fileno(),))
+            other = self.runtime / "leader" if self._credentials else self.runtime
+            other.mkdir(mode=0o700, exist_ok=True)
+            self._starters = {
+                robot: Starter(self._path, overrides, folder, self._logs, (server.fileno(),))
+                for robot, folder in (("follower", self.runtime), ("leader", other), ("world", self.runtime))
+            }
             stack.callback(self._kill_all)
             self.start_missing()
             namespace = self.config.network.namespace
@@ -73,9 +90,9 @@ class Fleet:
 
     def start_missing(self) -> None:
         """Start every process that does not run."""
-        for entry in ONE_MACHINE:
+        for entry in PROCESSES if self._credentials else ONE_MACHINE:
             if entry.name not in self.children or self.children[entry.name].poll() is not None:
-                self.children[entry.name] = self._starter.start(entry.name)
+                self.children[entry.name] = self._starters[entry.robot].start(entry.name)
 
     def all_alive(self) -> bool:
         """Whether every process is declared alive on the bus."""
@@ -96,28 +113,59 @@ class Fleet:
         """
         wait_for(condition, timeout_s, what, self.children, self._logs)
 
+    def _network(self) -> list[str]:
+        """Overrides for gateways on loopback."""
+        if self._credentials is None:
+            return []
+        self.ports = {robot: _free_port() for robot in OTHER}
+        return [f'network.credentials="{self._credentials}"'] + [
+            f'network.{robot}.{way}=["quic/127.0.0.1:{port}"]'
+            for robot, other in OTHER.items()
+            for way, port in (("listen", self.ports[robot]), ("connect", self.ports[other]))
+        ]
+
+    def operate(self, operator: Operator, now_s: float) -> None:
+        """Carry out what an operator wants at ``now_s`` of the experiment."""
+        action = operator.step(now_s, self.mission, self.leader)
+        if action is not None:
+            answer = self.ask(action, operator.trolley)
+            operator.answered(now_s, action, answer is not None and answer.outcome in ("accepted", "done"))
+
+    def tap(self, priority: int) -> BusTap:
+        """Another client of the Follower's bus, to be closed by the caller."""
+        can, (host, port) = self.config.follower_can, self.address
+        bus = BusConfig(interface="socketcand", channel=can.bus.channel, host=host, port=port)
+        return BusTap(bus, (can.left_wheel.node_id, can.right_wheel.node_id), priority)
+
+    def wheel_m_s(self, counts: float) -> float:
+        """Speed of a wheel's rim at so many encoder counts per second."""
+        wheel = self.config.follower_can.left_wheel
+        return counts * 2 * math.pi * self.config.base.wheel_radius_m / (wheel.counts_per_turn * wheel.gear_ratio)
+
     def _listen(self) -> None:
-        def mission(payload: bytes) -> None:
-            self.mission = decode(Mission, payload)[1]
-
-        def leader(payload: bytes) -> None:
-            self.leader = decode(LeaderState, payload)[1]
-
-        def world(payload: bytes) -> None:
-            self.world = decode(WorldState, payload)[1]
-
-        def health(payload: bytes) -> None:
-            message = decode(Health, payload)[1]
-            self.health[message.process] = message
-
-        self.bus.subscribe(MISSION, mission)
-        self.bus.subscribe(LEADER_STATE, leader)
-        self.bus.subscribe(WORLD, world)
+        for name, channel in (("mission", MISSION), ("leader", LEADER_STATE), ("world", WORLD), ("drives", DRIVES)):
+            self._follow(channel, partial(setattr, self, name))
         for name in self.children:
-            self.bus.subscribe(health_channel(name), health)
+            self._follow(health_channel(name), partial(self.health.__setitem__, name))
+
+    def _follow(self, channel: Channel[Any], take: Callable[[Any], None]) -> None:
+        """Take each valid message; an experiment may also send others."""
+
+        def receive(payload: bytes) -> None:
+            with contextlib.suppress(MessageError):
+                take(decode(channel.message, payload)[1])
+
+        self.bus.subscribe(channel, receive)
 
     def _kill_all(self) -> None:
         for child in self.children.values():
             child.kill()
             child.wait()
         self.children.clear()
+
+
+def _free_port() -> int:
+    """A UDP port that nobody has."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.bind(("127.0.0.1", 0))
+        return int(link.getsockname()[1])

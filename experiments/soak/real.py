@@ -14,8 +14,8 @@ from typing import Any
 from common.config import default_config_path, load_config
 from common.processes import process
 from experiments.shared.fleet import Fleet
+from experiments.shared.operator import Operator
 from experiments.shared.results import missed_note, row, write_results
-from experiments.soak.operator import Operator
 from experiments.soak.resources import Held, held, slope_per_h
 
 MOST_MB_PER_H = 1.0
@@ -73,10 +73,7 @@ def _watch(
     missed_before: Missed = {}
     due_s, report_s = 0.0, _REPORT_EVERY_S
     while (now_s := time.monotonic() - begin) < seconds:
-        action = operator.step(now_s, fleet.mission, fleet.leader)
-        if action is not None:
-            answer = fleet.ask(action, operator.trolley)
-            operator.answered(now_s, action, answer is not None and answer.outcome in ("accepted", "done"))
+        fleet.operate(operator, now_s)
         if now_s >= due_s:
             due_s += _PERIOD_S
             for name, child in fleet.children.items():

@@ -8,13 +8,11 @@ is restarted.
 from __future__ import annotations
 
 import contextlib
-import math
 import time
 from pathlib import Path
 
-from common.config import BusConfig
 from experiments.shared.fleet import READY_S, Fleet
-from experiments.stop_times.watch import BusTap, Canary
+from experiments.stop_times.watch import Canary
 
 UNDER_WAY_S = 20.0
 START_M = (8.0, 0.0, 0.0)
@@ -69,10 +67,7 @@ class StopRobot:
             overrides = [f"world.start={list(START_M)}"]
             self._fleet = stack.enter_context(Fleet(self._path, self._logs, overrides))
             self.config = self._fleet.config
-            can = self.config.follower_can
-            host, port = self._fleet.address
-            bus = BusConfig(interface="socketcand", channel=can.bus.channel, host=host, port=port)
-            tap = BusTap(bus, (can.left_wheel.node_id, can.right_wheel.node_id), _PRIORITY)
+            tap = self._fleet.tap(_PRIORITY)
             stack.callback(tap.close)
             self.watch = tap.notes
             self._stack = stack.pop_all()
@@ -90,7 +85,5 @@ class StopRobot:
         if mission is not None and mission.phase == "aborted":
             self._docking_starts()
             self._fleet.mission = None
-        wheel = self.config.follower_can.left_wheel
-        counts_per_m = wheel.counts_per_turn * wheel.gear_ratio / (2 * math.pi) / self.config.base.wheel_radius_m
         armed = mission is not None and mission.armed
-        return armed and self.watch.speed_counts() >= _UNDER_WAY_M_S * counts_per_m
+        return armed and self._fleet.wheel_m_s(self.watch.speed_counts()) >= _UNDER_WAY_M_S

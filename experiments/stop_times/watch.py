@@ -15,6 +15,8 @@ from sim.can.bus import SimulatedBus
 from sim.can.nodes import FollowerBus
 from sim.can.power_states import PowerState
 
+# the drives' watchdog stops them after it (docs/safety.md P02)
+LONGEST_GAP_NS = 120 * NS_PER_MS
 _CANARY_PERIOD_S = 0.002
 _CANARY_PRIORITY = 70
 _TAP_WAIT_S = 0.1
@@ -24,7 +26,8 @@ _STOPPED = (PowerState.QUICK_STOP_ACTIVE, PowerState.SWITCH_ON_DISABLED)
 class WheelNotes:
     """Notes when the wheels were last commanded to move, and first commanded to stop since :meth:`restart`.
 
-    Times are CLOCK_MONOTONIC [ns], None for what has not happened.
+    Times are CLOCK_MONOTONIC [ns], None for what has not happened. ``longest_gap_ns`` is the longest time between
+    two frames to the wheels; ``gaps_without_stop`` counts those beyond the limit after which they just moved on.
     """
 
     def __init__(self, node_ids: tuple[int, int]) -> None:
@@ -34,11 +37,15 @@ class WheelNotes:
         self.commanded_ns: int | None = None
         self.stopped_ns: int | None = None
         self.moved_after_stop = 0
+        self.longest_gap_ns = 0
+        self.gaps_without_stop = 0
+        self.fastest_counts = 0
+        self._moves = False
 
     def restart(self) -> None:
         """Forget what was seen."""
         self.commanded_ns = self.stopped_ns = self.moving_ns = None
-        self.moved_after_stop = 0
+        self.moved_after_stop = self.longest_gap_ns = self.gaps_without_stop = self.fastest_counts = 0
 
     def speed_counts(self) -> int:
         """Smaller of the two wheels' target speeds, in counts per second."""
@@ -48,13 +55,18 @@ class WheelNotes:
         """A frame that passed on the bus."""
         if frame.can_id not in self._velocity_counts or len(frame.data) != 6:
             return
+        gap_ns = now_ns - (self.last_rpdo_ns or now_ns)
         self.last_rpdo_ns = now_ns
+        self.longest_gap_ns = max(self.longest_gap_ns, gap_ns)
         word, velocity = (
             int.from_bytes(frame.data[:2], "little"),
             int.from_bytes(frame.data[2:], "little", signed=True),
         )
         self._velocity_counts[frame.can_id] = velocity
-        if velocity == 0 or word & 0x04 == 0:
+        self.fastest_counts = max(self.fastest_counts, abs(velocity))
+        moved, self._moves = self._moves, velocity != 0 and word & 0x04 != 0
+        self.gaps_without_stop += gap_ns > LONGEST_GAP_NS and moved and self._moves
+        if not self._moves:
             self.commanded_ns = self.commanded_ns or now_ns
         else:
             self.moving_ns = now_ns

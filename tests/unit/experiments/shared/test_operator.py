@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from experiments.soak.operator import PERIOD_S, Operator
+from experiments.shared.operator import PERIOD_S, Operator
 
 
 class Reported:

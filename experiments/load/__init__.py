@@ -1,0 +1,1 @@
+"""Real processes under load: what gives, in which order, and whether it gives safely."""
