@@ -76,6 +76,12 @@ _CAUSES: Final[tuple[Cause, ...]] = (
     Cause("search_timeout", "S1", "turning to find the LEDs took too long", "find what holds the robot, start again"),
     Cause("leds_lost", "S1", "the LEDs were not found again", "clear the view; `davpc led status`; start again"),
     Cause(
+        "wrong_array",
+        "S1",
+        "the array in view does not show the light code of this pair",
+        "`davpc led status`; compare leds.code of both robots; start again",
+    ),
+    Cause(
         "few_leds",
         "S1",
         "too few LEDs to determine the goal well enough",

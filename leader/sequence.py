@@ -99,16 +99,17 @@ class LeaderSequence:
 
     def _state(self, inputs: IoInputs) -> LeaderState:
         leds, lock = self._leds, self._lock
+        drawn_a, set_a = leds.measured
         guide: GuideState = "seated" if inputs.beam_seated else "lifted" if inputs.guide_lifted else "down"
         return LeaderState(
             ready=leds.lit and lock.state != "fault",
             cause="; ".join(filter(None, (lock.cause if lock.state == "fault" else "", leds.cause)))[:400],
-            led_current_a=inputs.led_current_a,
+            led_current_a=drawn_a,
             led_fault=leds.fault,
             guide=guide,
             lock=lock.state,
             actuator_current_a=max(0.0, inputs.actuator_current_a),
             queue=lock.queue,
-            led_setpoint_a=leds.currents_a,
+            led_setpoint_a=set_a,
             led_derated=leds.derated,
         )

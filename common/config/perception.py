@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from common.config.section import NonNegative, Positive, Section, Xyz
 from common.geometry import Array, Pinhole, mirror_deviation_m
+from common.led_code import CODES
 
 _Pixel = Annotated[float, Field(ge=-1e5, le=1e5)]
 _Coefficient = Annotated[float, Field(ge=-1e4, le=1e4)]
@@ -87,16 +88,28 @@ class BrightnessConfig(Section):
     ]
 
 
+class LedCodeConfig(Section):
+    """The light code of this pair, see docs/led-code.md; every pair of a site has another ``number``."""
+
+    number: Annotated[int, Field(ge=0, lt=CODES, description="of the code; every pair of a site has another one")]
+    symbol_ms: Annotated[
+        int, Field(ge=40, le=200, multiple_of=20, description="duration of a symbol, in steps of the Leader")
+    ] = 60
+    depth: Annotated[float, Field(ge=0.1, le=0.8, description="reduction of the current in a dim symbol")] = 0.4
+
+
 class LedsConfig(Section):
     """The Leader's array: LED positions in {L}, beam and nominal current.
 
-    Without ``brightness`` the absolute brightness of spots is not checked.
+    Without ``brightness`` the absolute brightness of spots is not checked. Without ``code`` the LEDs shine steadily,
+    and any array of this shape is taken for the Leader.
     """
 
     positions_m: Annotated[tuple[Xyz, ...], Field(min_length=4, max_length=12)]
     full_beam_deg: Annotated[float, Field(gt=0, le=180)]
     current_a: Annotated[float, Field(gt=0, le=5)]
     brightness: BrightnessConfig | None = None
+    code: LedCodeConfig | None = None
 
     @cached_property
     def points(self) -> Array:

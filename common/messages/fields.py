@@ -50,6 +50,7 @@ StateCause = Literal[
     "not_identified",
     "ambiguous",
     "confirming",
+    "wrong_array",
     "residual",
     "coasting",
     "behind_camera",

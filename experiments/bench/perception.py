@@ -28,7 +28,8 @@ from common.frames.ring import Image
 from common.geometry import Array, Pose2, features_at, move_relative
 from experiments.perception.approach import PERIOD_NS
 from experiments.shared.results import configuration
-from follower.estimator.identification import Identifier, Limits
+from experiments.shared.steady import steady
+from follower.estimator.identity.identification import Identifier, Limits
 from follower.estimator.lens import Lens
 from follower.estimator.pipeline import Perception
 from follower.estimator.planar_fit import FitModel
@@ -58,7 +59,7 @@ def run(out: Path, config: Config | None = None, rounds: int = 200) -> dict[str,
         config: the robots; None: the default configuration.
         rounds: measurements per path; the slow ones take a tenth of them.
     """
-    robots = config if config is not None else load_config(default_config_path())
+    robots = steady(config if config is not None else load_config(default_config_path()))
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:

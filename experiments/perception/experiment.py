@@ -24,6 +24,7 @@ from experiments.perception.pose_bound import theta_errors
 from experiments.perception.scene_counts import BANDS_M, band_metrics, scene_metrics
 from experiments.shared.executor import ALONE, Workers, run_all
 from experiments.shared.results import configuration
+from experiments.shared.steady import steady
 from follower.estimator.state import StateEstimator
 from sim.optics.image import Optics
 from sim.optics.scenes import SCENES as SCENES
@@ -84,7 +85,7 @@ def run(
             identification.
         workers: who does the runs; they change nothing but the time.
     """
-    robots = config if config is not None else load_config(default_config_path())
+    robots = steady(config if config is not None else load_config(default_config_path()))
     out.mkdir(parents=True, exist_ok=True)
     optics = Optics(robots.camera, robots.leds, seed=1)
     text = robots.model_dump_json()

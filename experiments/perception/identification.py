@@ -9,7 +9,7 @@ import numpy as np
 
 from common.config import Config
 from common.geometry import Array, Pose2
-from follower.estimator.identification import Identifier, Limits, Match
+from follower.estimator.identity.identification import Identifier, Limits, Match
 from follower.estimator.lens import Lens
 from follower.estimator.planar_fit import FitModel
 from sim.optics.image import Optics, View

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,31 +19,24 @@ from common.frames.ring import Image
 from common.geometry import Array, Pose2
 from common.messages import StateCause
 from common.timing import NS_PER_MS, NS_PER_S
-from follower.estimator.brightness import LedBrightness
 from follower.estimator.detection import Detection
-from follower.estimator.identification import Failure, Identifier, Limits, Match
+from follower.estimator.identity.code_receiver import CodeReceiver
+from follower.estimator.identity.finder import MOST_CANDIDATES, ArrayFinder
+from follower.estimator.identity.sorting import Sorting
 from follower.estimator.image_health import ImageFollows, ImageHealth, ImageReport
 from follower.estimator.lens import Lens
 from follower.estimator.planar_fit import FitModel
-from follower.estimator.single_fit import PlanarFit, fit_one, levelled
-from follower.estimator.spots import NoisyImageError, SpotRule, Spots, brightest, find_spots, find_spots_near
+from follower.estimator.single_fit import levelled
+from follower.estimator.spots import NoisyImageError, SpotRule, find_spots_near
 from follower.estimator.tracking import ArrayTracker, Followed, nearest_within, predict_features, predict_state
 from follower.model.dead_reckoning import DeadReckoning
 
 TILT_SIGMA_RAD = math.radians(0.7)
-MOST_CANDIDATES = 40
 _REGION_HALF_PX = 20
 _CONFIRM_FULL, _CONFIRM_PARTIAL = 4, 20
 _FEW_CANDIDATES = 10
-_PARTIAL_AFTER = 12
 _MOVING = 0.02  # m/s or rad/s
 _KEEP_NS = 1_250 * NS_PER_MS
-
-_CAUSES: dict[Failure, StateCause] = {
-    "few_spots": "few_leds",
-    "no_match": "not_identified",
-    "ambiguous": "ambiguous",
-}
 
 
 @dataclass(frozen=True)
@@ -71,15 +65,15 @@ class Perception:
         self._height = self._mount[2] - self._points[:, 2]
         sigma = estimator.pixel_sigma_px / self._focal_px
         self._model = FitModel(self._points, self._mount, sigma, TILT_SIGMA_RAD)
-        self._identifier = Identifier(self._model, Limits())
+        self._finder = ArrayFinder(config, self._model, self._lens)
         self._tracker = ArrayTracker(self._model, self._lens, estimator.gate_px)
         self._health = ImageHealth((camera.height_px, camera.width_px))
         self._follows = ImageFollows(self._height, self._mount, sigma)
-        checked = config.leds.brightness is not None and estimator.method == "davpc"
-        self._brightness = LedBrightness(config.leds, camera) if checked else None
         self._reckoning = DeadReckoning(estimator)
+        code = config.leds.code if estimator.method == "davpc" else None
+        self._sorting = None if code is None else Sorting(code, camera.rate_hz, self._tracker)
+        self._receiver: CodeReceiver | None = None
         self._track: _Track | None = None
-        self._failures = 0
         self._light = 1.0
 
     def forget_track(self) -> None:
@@ -119,7 +113,7 @@ class Perception:
         try:
             detection = self._followed(image, rule, nothing, twist, predicted)
             if detection is None:
-                detection = self._identified(image, rule, nothing)
+                detection = self._searched(image, rule, nothing, twist)
         except NoisyImageError:
             self._track = track
             return replace(nothing, cause=seen.exposure or "noisy")
@@ -145,12 +139,8 @@ class Perception:
         dim = round(seen.background + self._settings.threshold / 10)
         if detection.cause != "few_leds" or dim >= rule.threshold:
             return detection.cause
-        try:
-            spots = brightest(find_spots(image, replace(rule, threshold=dim)), MOST_CANDIDATES)
-        except NoisyImageError:
-            return detection.cause
-        match = self._identifier.identify(self._lens.to_normalised(spots.pixels), spots.mass, allow_partial=False)
-        return "underexposed" if isinstance(match, Match) else detection.cause
+        shows = self._finder.shows(image, replace(rule, threshold=dim))
+        return "underexposed" if shows else detection.cause
 
     def _rule(self, background: float) -> SpotRule:
         """λ_I as configured for the paper's method, else half of it above the background."""
@@ -187,14 +177,24 @@ class Perception:
         else:
             found = self._tracker.follow(image, rule, state, track.mass, track.unseen_frames)
         if isinstance(found, Followed):
+            if self._receiver is not None and self._receiver.take(nothing.capture_ns, found.seen_mass) == "other":
+                self._reckoning.forget()  # it was not ours: what it showed says nothing about where ours is
+                return replace(self._report(nothing, found, confirmed=False), cause="wrong_array")
             self._track = _Track(
                 nothing.capture_ns, found.fitted.state, found.features, found.mass, max(track.to_confirm - 1, 0)
             )
             return self._report(nothing, found, confirmed=track.to_confirm <= 1)
-        return self._coasted(image, rule, nothing, track, state, found)
+        return self._coasted(image, rule, nothing, track, state, twist, found)
 
     def _coasted(
-        self, image: Image, rule: SpotRule, nothing: Detection, track: _Track, state: Array, spots: int
+        self,
+        image: Image,
+        rule: SpotRule,
+        nothing: Detection,
+        track: _Track,
+        state: Array,
+        twist: tuple[float, float],
+        spots: int,
     ) -> Detection | None:
         """Predict the track without a measurement; None when a full search should start."""
         unseen_ns = track.unseen_ns + nothing.capture_ns - track.capture_ns
@@ -202,7 +202,7 @@ class Perception:
             return None
         cause: StateCause = "coasting"
         if unseen_ns > self._settings.coast_ms * NS_PER_MS:
-            found_again = self._identified(image, rule, nothing)
+            found_again = self._searched(image, rule, nothing, twist)
             if self._track is not None:
                 return found_again
             cause = found_again.cause
@@ -225,51 +225,44 @@ class Perception:
         chosen = nearest_within(expected_px, spots.pixels, self._settings.gate_px)
         if min(chosen) < 0:
             return len(spots)
-        return self._taken(spots, chosen, track.state) or len(spots)
+        return self._finder.taken(spots, chosen, track.state) or len(spots)
+
+    def _searched(self, image: Image, rule: SpotRule, nothing: Detection, twist: tuple[float, float]) -> Detection:
+        """Without a track: by the code, where there is one and the place of our array is not known."""
+        if self._sorting is None:
+            return self._identified(image, rule, nothing)
+        if self._reckoning.known:
+            self._sorting.restart()
+            if self._receiver is not None:
+                self._receiver.restart()
+            return self._identified(image, rule, nothing)
+        outcome = self._sorting.step(
+            image, rule, nothing.capture_ns, twist, partial(self._finder.find_others, image, rule, self._light)
+        )
+        own = outcome.own
+        if own is not None:
+            self._track = _Track(own.capture_ns, own.state, own.found.features, own.found.mass, 0)
+            self._receiver = own.receiver
+            self._sorting.restart()
+        nothing = replace(nothing, cause=outcome.cause, spots=outcome.spots)
+        if outcome.best is None:
+            return nothing
+        return replace(self._report(nothing, outcome.best, confirmed=own is not None), cause=outcome.cause)
 
     def _identified(self, image: Image, rule: SpotRule, nothing: Detection) -> Detection:
         """The array wherever it is in the image; a lock that still has to be confirmed."""
-        spots = find_spots(image, rule)
-        candidates = brightest(spots, MOST_CANDIDATES)
-        partial = self._failures >= _PARTIAL_AFTER and self._settings.method == "davpc"
-        match = self._identifier.identify(
-            self._lens.to_normalised(candidates.pixels),
-            candidates.mass,
-            allow_partial=partial,
-            agrees=self._reckoning.agrees if self._reckoning.known else None,
-        )
-        found = self._taken(candidates, list(match.spot_of_led), match.state) if isinstance(match, Match) else None
-        if found is None:
-            self._failures += 1
-            cause = "residual" if isinstance(match, Match) else _CAUSES[match]
-            return replace(nothing, cause=cause, spots=len(spots))
-        if self._brightness is not None:
-            verdict = self._brightness.judge(found.fitted.state, found.mass, rule.threshold, self._light)
-            if verdict != "like":
-                self._failures += 1
-                cause = "underexposed" if verdict == "dim" else "not_identified"
-                return replace(nothing, cause=cause, spots=len(spots))
-        self._failures = 0
-        partial = bool(np.isnan(found.features).any())
-        to_confirm = _CONFIRM_PARTIAL if partial else _CONFIRM_FULL
+        agrees = self._reckoning.agrees if self._reckoning.known else None
+        found, spots = self._finder.find(image, rule, self._light, agrees)
+        if not isinstance(found, Followed):
+            return replace(nothing, cause=found, spots=spots)
+        hidden = bool(np.isnan(found.features).any())
+        to_confirm = _CONFIRM_PARTIAL if hidden else _CONFIRM_FULL
         if not self._reckoning.known:  # nothing but its looks speaks for it, and coincidence has more chances
-            to_confirm += max(0, len(candidates) - _FEW_CANDIDATES) // 2
+            to_confirm += max(0, min(spots, MOST_CANDIDATES) - _FEW_CANDIDATES) // 2
         if self._settings.method == "paper":
             to_confirm = 0
         self._track = _Track(nothing.capture_ns, found.fitted.state, found.features, found.mass, to_confirm)
         return self._report(nothing, found, confirmed=to_confirm == 0)
-
-    def _taken(self, spots: Spots, chosen: list[int], start: Array) -> Followed | None:
-        """The chosen spots (−1: none) fitted; None if they are not the array."""
-        used = np.array(chosen) >= 0
-        features = np.where(used[:, None], self._lens.to_normalised(spots.pixels)[chosen], np.nan)
-        fitted = fit_one(self._model, features, start)
-        if fitted is None or self._residual_px(fitted) > self._settings.identification_residual_px:
-            return None
-        return Followed(features, fitted, np.where(used, spots.mass[chosen], np.nan), len(spots))
-
-    def _residual_px(self, fitted: PlanarFit) -> float:
-        return fitted.residual_rms * self._focal_px
 
     def _report(self, nothing: Detection, found: Followed, confirmed: bool) -> Detection:
         fitted = found.fitted
@@ -286,5 +279,5 @@ class Perception:
             pitch_rad=fitted.pitch_rad,
             roll_rad=fitted.roll_rad,
             covariance=fitted.covariance,
-            residual_px=self._residual_px(fitted),
+            residual_px=fitted.residual_rms * self._focal_px,
         )

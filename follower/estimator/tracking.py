@@ -118,11 +118,20 @@ def moved_together(predicted_px: Array, spots_px: Array, allowed: NDArray[np.boo
 
 @dataclass(frozen=True)
 class Followed:
-    """The array found near its prediction: features (n, 2) with NaN where not used, the fit, spot masses (n,)."""
+    """The array found near its prediction.
+
+    Attributes:
+        features: (n, 2) normalised, NaN where not used.
+        fitted: the pose.
+        mass: (n,) spot masses to expect in the next frame.
+        seen_mass: (n,) those of this frame, NaN where not used.
+        spots: number of spots looked at.
+    """
 
     features: Array
     fitted: PlanarFit
     mass: Array
+    seen_mass: Array
     spots: int
 
 
@@ -165,7 +174,7 @@ class ArrayTracker:
             return len(spots)
         kept, fitted = agreed
         found = np.where(np.isfinite(kept[:, 0]), spots.mass[chosen], np.nan)
-        return Followed(kept, fitted, _filtered(mass, found), len(spots))
+        return Followed(kept, fitted, _filtered(mass, found), found, len(spots))
 
     def agreed(self, features: Array, expected: Array) -> tuple[Array, PlanarFit] | None:
         """The features that fit one pose, at most one left out; None if they do not agree.

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import LedsConfig
+from common.config import LedCodeConfig, LedsConfig
 from common.geometry import Array
+from common.led_code import CODES, level
+from common.timing import NS_PER_MS, NS_PER_S
 from sim.optics.scenes import MAINS_HZ, Scene, SecondArray, Walker, Wall
 
 GREY_AT_1_M = 20_000.0  # peak of one LED on its axis, at the reference exposure, gain and current
@@ -69,7 +71,7 @@ def lights_of(leds: LedsConfig, currents_a: tuple[float, ...], scene: Scene, tim
     lights = Lights(leds.points, axes, np.full(len(leds.points), exponent), strength)
     for other in scene.others:
         if time_s >= other.start_s:
-            lights = lights.with_images(_other_array(other, leds, exponent))
+            lights = lights.with_images(_other_array(other, leds, exponent, time_s))
     if scene.lamps:
         lights = lights.with_images(_lamps(scene, time_s))
     direct = lights
@@ -110,7 +112,7 @@ def hidden(points: Array, camera_l: Array, walkers: tuple[Walker, ...], time_s: 
     return covered
 
 
-def _other_array(other: SecondArray, leds: LedsConfig, exponent: float) -> Lights:
+def _other_array(other: SecondArray, leds: LedsConfig, exponent: float, time_s: float) -> Lights:
     c, s = math.cos(other.pose.theta_rad), math.sin(other.pose.theta_rad)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     shape = leds.points * [1.0, -1.0, 1.0] if other.mirrored else leds.points
@@ -119,8 +121,16 @@ def _other_array(other: SecondArray, leds: LedsConfig, exponent: float) -> Light
         shape @ turn.T + [other.pose.x_m, other.pose.y_m, 0.0],
         np.tile(turn @ _TOWARDS_FOLLOWER, (count, 1)),
         np.full(count, exponent),
-        np.full(count, GREY_AT_1_M),
+        np.full(count, GREY_AT_1_M * _shown(other.code_offset, leds.code, time_s)),
     )
+
+
+def _shown(offset: int, code: LedCodeConfig | None, time_s: float) -> float:
+    """Level of another array's light, in symbols as long and deep as ours."""
+    if code is None:
+        return 1.0
+    number = (code.number + offset) % CODES
+    return level(number, code.symbol_ms * NS_PER_MS, code.depth, round(time_s * NS_PER_S))
 
 
 def _lamps(scene: Scene, time_s: float) -> Lights:

@@ -67,11 +67,15 @@ class LedFault:
 
 @dataclass(frozen=True)
 class SecondArray:
-    """Another Leader's array: its pose in {L}, lit from ``start_s`` on."""
+    """Another Leader's array: its pose in {L}, lit from ``start_s`` on.
+
+    Where Leaders have a code, its number is ``code_offset`` after ours.
+    """
 
     pose: Pose2
     start_s: float = 0.0
     mirrored: bool = False
+    code_offset: int = 1
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from common.geometry import Array, Pose2, features_at, move_relative
 from common.messages import DockingState, Frame
 from common.timing import NS_PER_MS, NS_PER_S
 from experiments.feature_level.feature_world import Disturbances, FeatureWorld, FrameMeasurement
+from experiments.shared.steady import steady
 from follower.estimator.state import StateEstimator
 from sim.optics.image import Optics, View
 from sim.optics.scenes import CLEAN, Scene
@@ -50,7 +51,7 @@ class PixelWorld:
         self._optics = Optics(config.camera, config.leds, int(np.random.SeedSequence(seed).generate_state(1)[0]))
         self._suspension = _Suspension(world)
         self._image: Image = np.zeros((config.camera.height_px, config.camera.width_px), np.uint8)
-        self._estimator = StateEstimator(config)
+        self._estimator = StateEstimator(steady(config))
         self._currents = (config.leds.current_a,) * len(config.leds.points)
         self._desired = features_at(config.leds.points, config.docking.goal(1), config.camera.mount)
         self._frames = 0

@@ -25,6 +25,8 @@ def search_refusal(attempt: Attempt, inputs: SupervisorInputs) -> str:
     if inputs.state.cause in _NO_IMAGE:
         return f"camera_silent: {inputs.state.cause}"
     lost = "leds_lost" if inputs.leader is not None else "leader_lost"
+    if inputs.state.cause == "wrong_array":
+        lost = "wrong_array"
     if attempt.searches >= MAX_SEARCHES:
         return f"{lost}: {attempt.searches} searches"
     to_goal_m = attempt.to_goal_m()
@@ -51,7 +53,8 @@ class AcquirePhase(PhaseLogic):
             attempt.armed = True
             if attempt.obeyed(inputs.drives):
                 return PhaseResult("armed")
-        only_blind = bool(missing) and missing == attempt.blind(inputs)
+        reading = inputs.state is not None and inputs.state.cause == "confirming"  # its code takes two seconds
+        only_blind = bool(missing) and missing == attempt.blind(inputs) and not reading
         lost = self._blind.step(inputs.now_ns, only_blind)
         refusal = search_refusal(attempt, inputs) if only_blind else ""
         if lost and not refusal:
@@ -107,7 +110,8 @@ class SearchPhase(PhaseLogic):
         if (inputs.now_ns - self._leg_ns) > self._leg_limit_s * NS_PER_S:
             still = "the turn was not completed" if attempt.enabled else not_enabled(inputs.drives)
             return failed(f"search_timeout: {unwell or still}")
-        if found or unwell or inputs.drives is None or not attempt.obeyed(inputs.drives):
+        reading = state is not None and state.cause == "confirming"
+        if found or reading or unwell or inputs.drives is None or not attempt.obeyed(inputs.drives):
             return PhaseOutputs(waiting=unwell or "LEDs")
         return self._turn(inputs, attempt.heading_rad(inputs.drives))
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from common.config import Config
+from common.config import Config, LedCodeConfig
+from common.led_code import SYMBOLS, level
 from common.messages import Answer, FollowerSummary, LedRequest
-from common.timing import NS_PER_S
+from common.timing import NS_PER_MS, NS_PER_S
 from leader.sequence import IoInputs
 from tests.rigs.leader_rig import HALF_WAY, HOLDING, LOCKED, MOVING, SEATED, Bench
 
@@ -272,3 +273,27 @@ def test_a_hot_led_gets_its_rated_current(bench: Bench, config: Config) -> None:
     set_leds(bench, None)
     assert bench.outputs.led_current_a == (1.0,) * 4
     assert not bench.run(0.1, led_current_a=(1.0,) * 4).led_derated
+
+
+def test_with_a_code_the_currents_follow_its_symbols(config: Config) -> None:
+    code = LedCodeConfig(number=5)
+    bench = Bench(config.model_copy(update={"leds": config.leds.model_copy(update={"code": code})}))
+    for _ in range(3 * SYMBOLS):
+        expected = level(code.number, code.symbol_ms * NS_PER_MS, code.depth, bench.now_ns + NS_PER_S // 50)
+        state = bench.run(0.02, led_current_a=bench.outputs.led_current_a)
+        assert bench.outputs.led_current_a == pytest.approx((expected,) * 4)
+        assert (state.led_fault, state.ready) == (False, True)
+
+
+@pytest.mark.parametrize("stuck_a", [0.0, 0.6, 1.0])
+def test_a_led_that_is_stuck_at_one_current_has_a_fault_although_a_code_is_shown(
+    config: Config, stuck_a: float
+) -> None:
+    bench = Bench(
+        config.model_copy(update={"leds": config.leds.model_copy(update={"code": LedCodeConfig(number=5)})})
+    )
+    for _ in range(200):
+        others = bench.outputs.led_current_a[1:]
+        state = bench.run(0.02, led_current_a=(stuck_a, *others))
+    assert state.led_fault
+    assert "LED 0" in state.cause

@@ -9,7 +9,7 @@ import pytest
 
 from common.config import Config
 from common.geometry import Array, Pose2, features_at
-from follower.estimator.identification import Identifier, Limits, Match
+from follower.estimator.identity.identification import Identifier, Limits, Match
 from follower.estimator.planar_fit import FitModel, project
 
 POSES = [

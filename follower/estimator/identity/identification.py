@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.geometry import Array, Pose2, wrap_angle
-from follower.estimator.mirror import MirrorCheck
+from follower.estimator.identity.mirror import MirrorCheck
 from follower.estimator.planar_fit import FitModel, fit
 
 Indices = NDArray[np.intp]
@@ -105,6 +105,53 @@ class Identifier:
             return found
         spots = tuple(int(possible[spot]) if spot >= 0 else -1 for spot in found.spot_of_led)
         return replace(found, spot_of_led=spots)
+
+    def identify_all(self, features: Array, mass: Array, allow_partial: bool) -> list[Match] | Failure:
+        """Every array among N candidate spots that no other explanation of the same spots rivals.
+
+        Which of them is the right one is for the caller to find out.
+
+        Args:
+            features: (N, 2) normalised coordinates of the candidates.
+            mass: (N,) brightness of the candidates.
+            allow_partial: if there is none, also accept all LEDs but one of the only one in view.
+        """
+        possible = self._possible(features)
+        leds = len(self._height)
+        if len(possible) < leds:
+            return self._as_list(self.identify(features, mass, allow_partial))
+        assignments, starts = self._trials(features[possible], mass[possible])
+        full = np.flatnonzero((assignments >= 0).all(axis=1))
+        matches = self._apart(features[possible], assignments[full], starts[full]) if len(full) else []
+        if not matches:
+            return self._as_list(self.identify(features, mass, allow_partial))
+        return [
+            replace(each, spot_of_led=tuple(int(possible[spot]) for spot in each.spot_of_led)) for each in matches
+        ]
+
+    def _as_list(self, found: Match | Failure) -> list[Match] | Failure:
+        return [found] if isinstance(found, Match) else found
+
+    def _apart(self, features: Array, assignments: Indices, starts: Array) -> list[Match]:
+        """Fits of all LEDs that share no spot with another that is nearly as good, the best first."""
+        fits = fit(self._model, features[assignments], starts)
+        chi2 = np.where(self._plausible(fits.states) & fits.in_front, fits.chi2, np.inf)
+        bound = self._limits.chi2_full * min(1.0, self._limits.most_for_loose / len(features)) ** 2
+        order = np.argsort(chi2)
+        matches: list[Match] = []
+        taken: set[int] = set()
+        for place, row in enumerate(order):
+            if not chi2[row] <= bound:
+                break
+            spots = set(assignments[row].tolist())
+            if spots & taken:
+                continue
+            taken |= spots
+            margin = max(bound, chi2[row] + self._limits.margin)
+            rivals = [other for other in order[place + 1 :] if chi2[other] <= margin]
+            if not any(spots & set(assignments[other].tolist()) for other in rivals):
+                matches.append(Match(tuple(assignments[row].tolist()), fits.states[row], float(chi2[row])))
+        return matches
 
     def _search(self, features: Array, mass: Array, allow_partial: bool, agrees: Agrees | None) -> Match | Failure:
         allow_partial = allow_partial and len(features) <= self._limits.most_for_partial

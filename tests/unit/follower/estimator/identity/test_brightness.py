@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from common.config import Config
 from common.geometry import Array, Pose2
-from follower.estimator.brightness import LedBrightness
+from follower.estimator.identity.brightness import LedBrightness
 from follower.estimator.spots import SpotRule, find_spots
 from sim.optics.image import Optics, View
 
