@@ -120,7 +120,13 @@ class ArrayFinder:
         return isinstance(match, Match)
 
     def taken(self, spots: Spots, chosen: list[int], start: Array) -> Followed | None:
-        """The chosen spots (−1: none) fitted; None if they are not the array."""
+        """The chosen spots fitted; None if they are not the array.
+
+        Args:
+            spots: of the image.
+            chosen: by LED, which of them it is; −1: none.
+            start: (5,) state x, y [m], θ, pitch, roll [rad] to begin the fit at.
+        """
         used = np.array(chosen) >= 0
         features = np.where(used[:, None], self._lens.to_normalised(spots.pixels)[chosen], np.nan)
         fitted = fit_one(self._model, features, start)

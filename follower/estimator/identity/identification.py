@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -19,22 +18,14 @@ from numpy.typing import NDArray
 
 from common.geometry import Array, Pose2, wrap_angle
 from follower.estimator.identity.mirror import MirrorCheck
+from follower.estimator.identity.trials import FARTHEST_M, MASS_RATIO, MAX_PITCH, NEAREST_M, Indices, Trials
 from follower.estimator.planar_fit import FitModel, fit
 
-Indices = NDArray[np.intp]
 Failure = Literal["few_spots", "no_match", "ambiguous"]
 Agrees = Callable[[Array, Array], NDArray[np.bool_]]
 
-_HEADINGS_RAD = np.radians(np.linspace(-64.0, 64.0, 17))
-_NEAREST_M, _FARTHEST_M = 0.5, 14.0
 _WIDEST_BEAM_RAD = math.radians(75.0)
-_MAX_PITCH = 0.05
-_MAX_ROLL = 0.05
-_TRIALS = 3000
-_FITTED = 24
-_MASS_RATIO = 5.0
 _ALIKE = 3.0
-_WIDEST = 0.9
 
 
 @dataclass(frozen=True)
@@ -76,13 +67,8 @@ class Identifier:
         self._model = model
         self._limits = limits
         self._mirror = MirrorCheck(model)
-        points, (t_x, t_y, t_z) = model.points_l, model.camera_xyz_m
-        c, s = np.cos(_HEADINGS_RAD)[:, None], np.sin(_HEADINGS_RAD)[:, None]
-        # camera coordinates of the LEDs per trial heading, up to the unknown x and y of the array
-        self._right = t_y - points[:, 0] * s - points[:, 1] * c
-        self._depth = points[:, 0] * c - points[:, 1] * s - t_x
-        self._height = t_z - points[:, 2]
-        self._bases = _base_pairs(points)
+        self._trials = Trials(model)
+        self._height = model.camera_xyz_m[2] - model.points_l[:, 2]
 
     def identify(
         self, features: Array, mass: Array, allow_partial: bool, agrees: Agrees | None = None
@@ -120,7 +106,7 @@ class Identifier:
         leds = len(self._height)
         if len(possible) < leds:
             return self._as_list(self.identify(features, mass, allow_partial))
-        assignments, starts = self._trials(features[possible], mass[possible])
+        assignments, starts = self._trials.of(features[possible], mass[possible])
         full = np.flatnonzero((assignments >= 0).all(axis=1))
         matches = self._apart(features[possible], assignments[full], starts[full]) if len(full) else []
         if not matches:
@@ -155,7 +141,7 @@ class Identifier:
 
     def _search(self, features: Array, mass: Array, allow_partial: bool, agrees: Agrees | None) -> Match | Failure:
         allow_partial = allow_partial and len(features) <= self._limits.most_for_partial
-        assignments, starts = self._trials(features, mass)
+        assignments, starts = self._trials.of(features, mass)
         if not len(assignments):
             return "no_match"
         missing = (assignments < 0).sum(axis=1)
@@ -186,10 +172,10 @@ class Identifier:
         """
         others = np.setdiff1d(np.arange(len(features)), match.spot_of_led)
         ratio = mass[others] / np.median(mass[list(match.spot_of_led)])
-        others = others[np.abs(np.log(ratio)) <= np.log(_MASS_RATIO)]
+        others = others[np.abs(np.log(ratio)) <= np.log(MASS_RATIO)]
         if not len(self._height) - 1 <= len(others) <= self._limits.most_for_partial:
             return False
-        assignments, starts = self._trials(features[others], mass[others])
+        assignments, starts = self._trials.of(features[others], mass[others])
         if not len(assignments):
             return False
         partial = (assignments < 0).sum(axis=1) == 1
@@ -204,9 +190,9 @@ class Identifier:
 
     def _possible(self, features: Array) -> Indices:
         """Candidates as high in the image as a LED can be."""
-        ends = np.stack([self._height / _NEAREST_M, self._height / _FARTHEST_M])
+        ends = np.stack([self._height / NEAREST_M, self._height / FARTHEST_M])
         beta = features[:, 1]
-        return np.flatnonzero((beta >= ends.min() - _MAX_PITCH) & (beta <= ends.max() + _MAX_PITCH))
+        return np.flatnonzero((beta >= ends.min() - MAX_PITCH) & (beta <= ends.max() + MAX_PITCH))
 
     def _judge(
         self, features: Array, assignments: Indices, starts: Array, bound: float, agrees: Agrees | None
@@ -232,79 +218,8 @@ class Identifier:
         x, y, theta = states[:, 0], states[:, 1], states[:, 2]
         bearing = np.arctan2(y, x) - theta
         facing = np.abs(np.arctan2(np.sin(bearing), np.cos(bearing))) <= _WIDEST_BEAM_RAD
-        plausible: NDArray[np.bool_] = facing & (np.hypot(x, y) <= _FARTHEST_M + 1.0)
+        plausible: NDArray[np.bool_] = facing & (np.hypot(x, y) <= FARTHEST_M + 1.0)
         return plausible
-
-    def _trials(self, features: Array, mass: Array) -> tuple[Indices, Array]:
-        """Distinct assignments (K, n) with their starts (K, 5), most LEDs found and nearest first."""
-        found: dict[tuple[int, ...], tuple[int, float, Array]] = {}
-        for a, b in self._bases:
-            for assignment, error, start in self._gathered(features, mass, a, b):
-                absent = assignment.count(-1)
-                known = found.get(assignment)
-                if known is None or error < known[1]:
-                    found[assignment] = (absent, error, start)
-        ranked = sorted(found.items(), key=lambda item: item[1][:2])[:_FITTED]
-        assignments = np.array([key for key, _ in ranked], dtype=np.intp).reshape(len(ranked), len(self._height))
-        return assignments, np.array([value[2] for _, value in ranked]).reshape(len(ranked), 5)
-
-    def _gathered(self, features: Array, mass: Array, a: int, b: int) -> list[tuple[tuple[int, ...], float, Array]]:
-        first, second, heading, offset, pitch = self._pair_poses(features, mass, a, b)
-        right = self._right[heading] + offset[:, 0:1]
-        depth = np.maximum(self._depth[heading] + offset[:, 1:2], 1e-3)
-        alpha = right / depth
-        beta = self._height / depth + pitch[:, None]
-        distance = np.hypot(
-            features[None, None, :, 0] - alpha[:, :, None], features[None, None, :, 1] - beta[:, :, None]
-        )
-        nearest = distance.argmin(axis=2)
-        error = np.take_along_axis(distance, nearest[:, :, None], axis=2)[:, :, 0]
-        # a trial heading may be off by half a step: the nearer the array, the more that shifts its image
-        gate = 0.006 + 0.04 / depth
-        spot = np.where(error <= gate, nearest, -1)
-        spot[:, a], spot[:, b] = first, second
-        error[:, a] = error[:, b] = 0.0
-        absent = (spot < 0).sum(axis=1)
-        score = np.where(spot < 0, 0.0, error / gate).sum(axis=1)
-        rows = []
-        for k in np.flatnonzero(absent <= 1):
-            chosen = tuple(int(i) for i in spot[k])
-            if len({i for i in chosen if i >= 0}) + int(absent[k]) == len(chosen):
-                start = np.array([offset[k, 1], -offset[k, 0], _HEADINGS_RAD[heading[k]], pitch[k], 0.0])
-                rows.append((chosen, float(score[k]), start))
-        return rows
-
-    def _pair_poses(
-        self, features: Array, mass: Array, a: int, b: int
-    ) -> tuple[Indices, Indices, Indices, Array, Array]:
-        """Pairs of spots as LEDs a and b at a heading: spots, heading, (X, Z) offset of the array, pitch."""
-        count = len(features)
-        first, second = np.divmod(np.arange(count * count), count)
-        bright, dim = np.maximum(mass[first], mass[second]), np.minimum(mass[first], mass[second])
-        apart = np.abs(features[first, 0] - features[second, 0])
-        alike = (first != second) & (bright <= _MASS_RATIO * dim) & (apart <= _WIDEST)
-        first, second = first[alike], second[alike]
-        alpha_a, alpha_b = features[first, 0:1], features[second, 0:1]
-        # X_a + X = α_a (Z_a + Z) and the same for b, solved for the array's offset (X, Z)
-        lead_a = alpha_a * self._depth[:, a] - self._right[:, a]
-        lead_b = alpha_b * self._depth[:, b] - self._right[:, b]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            z = (lead_a - lead_b) / (alpha_b - alpha_a)
-            depth_a, depth_b = z + self._depth[:, a], z + self._depth[:, b]
-            pitch_a = features[first, 1:2] - self._height[a] / depth_a
-            pitch_b = features[second, 1:2] - self._height[b] / depth_b
-            pitch = 0.5 * (pitch_a + pitch_b)
-            loose = 0.05 * np.abs(features[first, 1:2])
-            mismatch = np.abs(pitch_a - pitch_b) - _MAX_ROLL * np.abs(alpha_a - alpha_b)
-            fine = (depth_a > _NEAREST_M) & (depth_b > _NEAREST_M) & (z < _FARTHEST_M)
-            fine &= (np.abs(pitch) < _MAX_PITCH + loose) & (mismatch < 0.008 + loose)
-        pair, heading = np.nonzero(fine)
-        if len(pair) > _TRIALS:
-            keep = np.argpartition(np.abs(pitch[pair, heading]), _TRIALS)[:_TRIALS]
-            pair, heading = pair[keep], heading[keep]
-        offset_z = z[pair, heading]
-        offset_x = alpha_a[pair, 0] * offset_z + lead_a[pair, heading]
-        return first[pair], second[pair], heading, np.stack([offset_x, offset_z], axis=1), pitch[pair, heading]
 
 
 def _another_nearby(match: Match, features: Array, mass: Array) -> bool:
@@ -316,15 +231,6 @@ def _another_nearby(match: Match, features: Array, mass: Array) -> bool:
     near = np.hypot(*(features[others] - centre).T) <= reach
     alike = np.abs(np.log(mass[others] / np.median(mass[used]))) <= np.log(_ALIKE)
     return bool((near & alike).any())
-
-
-def _base_pairs(points: Array) -> list[tuple[int, int]]:
-    """Two disjoint pairs of LEDs, widest first, so that one missing LED leaves one pair whole."""
-    widest = sorted(combinations(range(len(points)), 2), key=lambda p: -abs(points[p[0], 1] - points[p[1], 1]))
-    pairs = [(i, widest_j) for i, widest_j in widest]
-    first = pairs[0]
-    second = next(pair for pair in pairs if not set(pair) & set(first))
-    return [first, second]
 
 
 def _with_one_left_out(assignments: Indices, starts: Array, missing: Indices) -> tuple[Indices, Array, Indices]:
