@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import os
+import resource
 import socket
+from pathlib import Path
 
-from common.memory import lock_memory
 from common.processes import Process
+
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
+_CAP_IPC_LOCK = 14
 
 
 def be_real_time(entry: Process, log: logging.Logger) -> None:
@@ -26,6 +31,27 @@ def be_real_time(entry: Process, log: logging.Logger) -> None:
     refused = lock_memory() if entry.locked else ""
     if refused:
         log.warning("memory is not locked (%s): a page fault may delay the loop", refused)
+
+
+def lock_memory() -> str:
+    """mlockall(2): lock every page of this process from its first use on; returns "", or the reason if that is not permitted.
+
+    With a finite limit nothing is locked: a later allocation could fail in the middle of a motion.
+    """
+    limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if limit != resource.RLIM_INFINITY and not _privileged():
+        return f"RLIMIT_MEMLOCK is {limit // 1024} KiB, not infinite"
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT):
+        return os.strerror(ctypes.get_errno())
+    return ""
+
+
+def _privileged() -> bool:
+    """Whether this process has CAP_IPC_LOCK, which overrides the limit."""
+    lines = Path("/proc/self/status").read_text().split("\n")
+    (effective,) = (int(line.split()[1], 16) for line in lines if line.startswith("CapEff:"))
+    return bool(effective >> _CAP_IPC_LOCK & 1)
 
 
 def notify_service_manager(state: str) -> None:

@@ -229,7 +229,7 @@ def recorded_config(note: dict[str, str], origin: str) -> Config:
 
 
 def _first(error: ValueError) -> str:
-    return str(error).splitlines()[0]
+    return str(error).partition("\n")[0]
 
 
 def json_note(content: dict[str, Any]) -> dict[str, str]:

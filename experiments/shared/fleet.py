@@ -165,7 +165,7 @@ class Fleet:
 
 
 def _free_port() -> int:
-    """A UDP port that nobody has."""
+    """A UDP port that is free."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
         link.bind(("127.0.0.1", 0))
         return int(link.getsockname()[1])

@@ -71,7 +71,9 @@ class SpotPerception(Perception):
             return replace(nothing, cause="few_leds" if unseen.any() else "residual")
         kept, fitted = agreed
         self._start = fitted.state
-        return self._report(nothing, Followed(kept, fitted, np.ones(len(kept)), len(kept)), confirmed=True)
+        return self._report(
+            nothing, Followed(kept, fitted, np.ones(len(kept)), np.ones(len(kept)), len(kept)), confirmed=True
+        )
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,8 @@ class ExposureRetry:
         bad = cause in ("overexposed", "underexposed")
         lasting = self._bad.step(now_ns, bad or (self._bad.holding and not lapsed))
         if self.exposure_us != self._configured_us:
-            if cause == "ok":
-                self._tried_ns, self._spent = now_ns, False
+            if cause in ("ok", "confirming"):  # an array is in sight: its light code takes two seconds
+                self._tried_ns, self._spent = now_ns, self._spent and cause != "ok"
             elif now_ns - self._tried_ns > _TRIAL_NS:
                 self.exposure_us = self._configured_us
                 self._bad.reset()

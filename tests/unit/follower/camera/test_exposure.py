@@ -9,6 +9,7 @@ from common.config import Config
 from common.frames.ring import Image
 from common.geometry import Pose2
 from common.messages import Frame, StateCause
+from experiments.shared.steady import steady
 from follower.camera.exposure import FACTOR, ExposureRetry
 from follower.estimator.state import StateEstimator
 from sim.optics.image import Optics, View
@@ -49,6 +50,12 @@ def test_an_exposure_that_helps_stays_while_it_helps() -> None:
     assert retry.by("underexposed", 10)[-1] == FACTOR * CONFIGURED_US, "it has helped before"
 
 
+def test_an_exposure_stays_while_the_light_code_is_awaited() -> None:
+    retry = FedRetry()
+    retry.by("underexposed", 10)
+    assert set(retry.by("confirming", 120) + retry.by("ok", 10)) == {FACTOR * CONFIGURED_US}
+
+
 def test_a_glimpse_of_bad_light_changes_nothing() -> None:
     retry = FedRetry()
     for _ in range(20):
@@ -73,7 +80,7 @@ def test_an_exposure_never_outlasts_its_frame() -> None:
 def test_leds_too_dim_are_underexposed_and_the_retry_finds_them(
     config: Config, darkened: float, distance_m: float
 ) -> None:
-    estimator, optics = StateEstimator(config), Optics(config.camera, config.leds, 1)
+    estimator, optics = StateEstimator(steady(config)), Optics(config.camera, config.leds, 1)
     retry = ExposureRetry(config.camera.exposure_us, config.camera.rate_hz)
     image: Image = np.zeros((config.camera.height_px, config.camera.width_px), np.uint8)
     exposure_us, causes = config.camera.exposure_us, []

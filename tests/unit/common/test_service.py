@@ -8,12 +8,12 @@ import sys
 
 import pytest
 
-from common.memory import _privileged
+from common.service import _privileged
 
 _SHOW = """
 import os, resource
 from pathlib import Path
-from common.memory import lock_memory
+from common.service import lock_memory
 {before}
 reason = lock_memory()
 locked = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmLck"))
