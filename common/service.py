@@ -34,7 +34,7 @@ def be_real_time(entry: Process, log: logging.Logger) -> None:
 
 
 def lock_memory() -> str:
-    """mlockall(2): lock every page of this process from its first use on; returns "", or the reason if that is not permitted.
+    """mlockall(2): lock every page of this process from its first use on; returns "", or the reason of a refusal.
 
     With a finite limit nothing is locked: a later allocation could fail in the middle of a motion.
     """
