@@ -1,12 +1,13 @@
 # davpc: `make help` lists what there is.
 .DEFAULT_GOAL := help
-.PHONY: help setup sim check test lint cover mutate prove lock wheels clean
+.PHONY: help setup sim check test lint cover mutate prove campaign lock wheels clean
 
 VENV := .venv
 READY := $(VENV)/.ready
 PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
   $$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && echo $$p && break; done)
 SIM_ARGS ?=
+CAMPAIGN_ARGS ?=
 BRIDGE_TESTS := tests/unit/follower/can_bridge
 GATE_TESTS := $(addprefix $(BRIDGE_TESTS)/test_gate,.py _caps.py _wheels.py _window.py)
 
@@ -60,6 +61,9 @@ prove: $(READY) ## A million random steps of the gate, mutated CAN frames, event
 	  tests/unit/follower/supervisor/test_sequence_properties.py tests/unit/leader/test_lock_properties.py
 
 LOCK = uv pip compile --universal --generate-hashes --no-header --no-annotate --no-strip-extras --python-version 3.11 --no-emit-package davpc
+
+campaign: $(READY) ## Every failure mode in 25 seeds, two at a time; interrupted, the same call goes on
+	@$(VENV)/bin/davpc experiment campaign --seeds 25 --jobs 2 --out out/campaign $(CAMPAIGN_ARGS)
 
 lock: ## Refresh requirements.lock and its part that a robot needs (needs uv)
 	$(LOCK) --extra dev -o requirements.lock pyproject.toml

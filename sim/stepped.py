@@ -92,6 +92,7 @@ class SteppedExecutor:
         self._stack = ExitStack()
         self._cut_ns: int | None = None
         self._halted: set[str] = set()
+        self._missed: set[str] = set()
         self._robot = {entry.name: entry.robot for entry in PROCESSES}
 
     def __enter__(self) -> SteppedExecutor:
@@ -131,8 +132,11 @@ class SteppedExecutor:
         self._halted.add(name)
 
     def resume(self, name: str) -> None:
-        """Step node ``name`` again after :meth:`halt`; messages that came meanwhile are waiting."""
+        """Step node ``name`` again after :meth:`halt`, with the messages that wait: at once if it missed a step."""
         self._halted.discard(name)
+        if name in self._missed:
+            self._missed.discard(name)
+            self._wake(next(running for running in self._running if running.node.name == name))
 
     def _made(self, node: Node, number: int, decoder: _SharedDecoder) -> _RunningNode:
         boot_id = self._clock.boot_id
@@ -195,6 +199,7 @@ class SteppedExecutor:
 
     def _step(self, running: _RunningNode) -> None:
         if running.node.name in self._halted:
+            self._missed.add(running.node.name)
             return
         now_ns = self._clock.now_ns()
         entry = running.journal.begin(now_ns) if running.journal is not None else None

@@ -61,6 +61,21 @@ def test_from_the_cut_on_nothing_passes_between_the_robots() -> None:
     assert 8 <= follower.answered <= 10
 
 
+def test_a_node_that_missed_a_step_takes_it_as_soon_as_it_goes_on() -> None:
+    executor, leader, _, clock = pair()
+    steps_ns: list[int] = []
+    step = leader.step
+    leader.step = lambda now_ns, inputs: steps_ns.append(now_ns) or step(now_ns, inputs)  # type: ignore[method-assign, func-returns-value]
+    with executor:
+        executor.run(NS_PER_S)
+        executor.halt("leader")
+        executor.run(3 * NS_PER_S)
+        before = clock.now_ns()
+        executor.resume("leader")
+        executor.run(4 * NS_PER_S)
+    assert min(at_ns for at_ns in steps_ns if at_ns > NS_PER_S) == before
+
+
 def test_a_halted_node_neither_speaks_nor_answers() -> None:
     executor, leader, follower, clock = pair()
     with executor:

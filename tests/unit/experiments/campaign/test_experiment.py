@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import json
 from dataclasses import asdict
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from common.config import Config
 from experiments.campaign.branch import BranchError, branch
-from experiments.campaign.controls import CONTROLS, STAND_IN, found
+from experiments.campaign.controls import CONTROLS, STAND_IN
 from experiments.campaign.experiment import Job, control_tasks, run, seed_job, tasks_of
 from experiments.campaign.faults import FAULTS
 from experiments.campaign.judge import broken
+from experiments.campaign.patches import found
 from experiments.campaign.rows import ROWS
 from experiments.campaign.trunk import PHASES
 from experiments.shared.executor import ALONE, Workers
+from follower.can_bridge import arm_gate, gate
 
 
 def test_every_row_is_there_with_faults_and_phases_or_with_the_test_that_covers_it() -> None:
@@ -42,6 +47,23 @@ def test_what_a_control_removes_is_in_the_code(name: str) -> None:
     assert any(task.control == name for task in control_tasks(tuple(ROWS)))
     for target, _ in control.patches:
         found(target)
+
+
+# without an arm token or a command there is nothing to send; one rule of the arms goes by the name of another
+_NOTHING_TO_SEND = {"not_armed", "no_command"}
+
+
+@pytest.mark.parametrize("module", [gate, arm_gate])
+def test_every_rule_of_the_gates_has_a_control(module: ModuleType) -> None:
+    returned = (node.value for node in ast.walk(ast.parse(inspect.getsource(module))) if isinstance(node, ast.Return))
+    texts = (part.value for value in returned if value is not None for part in ast.walk(value)
+             if isinstance(part, ast.Constant))  # fmt: skip
+    rules = {text for text in texts if isinstance(text, str) and text} - _NOTHING_TO_SEND
+    assert len(rules) > 3
+    prefix = "gate: " if module is gate else "arm gate: "
+    names = {name.removeprefix(prefix) for name in CONTROLS if name.startswith(prefix)}
+    spoken = {"arm_setpoint_age": "age", "arm_not_finite": "not finite", "arm_not_measured": "not measured"}
+    assert {spoken.get(rule, rule.removeprefix("arm_")) for rule in rules} <= names
 
 
 def test_only_known_controls_have_a_stand_in() -> None:
