@@ -23,6 +23,7 @@ from typing import Any, Literal
 from common.config import Config, default_config_path, load_config
 from common.errors import ConfigError
 from experiments.fuzz.can_frames import run_frames
+from experiments.fuzz.can_server import run_server
 from experiments.fuzz.file_kinds import PROCESS_KINDS
 from experiments.fuzz.files import FileKind, length, run_file, run_truncations
 from experiments.fuzz.messages import run_messages
@@ -36,13 +37,14 @@ _SHARD = {
     "nodes": 10_000,
     "bridge": 20_000,
     "leader": 50_000,
+    "server": 10_000,
     "mutations": 1_000,
     "truncations": 1_000,
 }
-_LEADER_SHARE = 0.2
+_LEADER_SHARE = _SERVER_SHARE = 0.2
 _NODE_SHARE = 0.05  # of the messages, to each node on top
 
-Work = Literal["messages", "nodes", "bridge", "leader", "mutations", "truncations"]
+Work = Literal["messages", "nodes", "bridge", "leader", "server", "mutations", "truncations"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,6 +132,8 @@ def _done(job: FuzzJob, config: Config) -> Tally:
         return run_node(job.node, config, job.seed, job.count, job.until_s)
     if job.work == "bridge" or job.work == "leader":
         return run_frames(job.work, config, job.seed, job.count, job.until_s)
+    if job.work == "server":
+        return run_server(config, job.seed, job.count, job.until_s)
     if job.kind is None:
         raise ValueError(f"{job.work}: of which kind of file?")
     if job.work == "mutations":
@@ -162,6 +166,7 @@ def _jobs(seed: int, config: Config, plan: FuzzPlan, kinds: Sequence[FileKind]) 
     for node in NODES:
         todo += shards("nodes", round(plan.messages * _NODE_SHARE), seed, node=node)
     todo += shards("bridge", plan.frames - leader, seed) + shards("leader", leader, seed)
+    todo += shards("server", round(plan.frames * _SERVER_SHARE), seed)
     for kind in kinds if plan.files else ():
         todo += shards("mutations", plan.files, seed, kind) + shards("truncations", length(kind, config), 0, kind)
     return todo

@@ -21,6 +21,7 @@ from common.timing import NS_PER_MS
 from sim.can.bus import SimulatedBus
 
 TICK_MS = 5.0
+MOST_CLIENTS = 64
 _STALL_NS = 40 * NS_PER_MS
 _SETTLE_NS = 50 * NS_PER_MS
 _BACKLOG_BYTES = 1 << 20
@@ -132,7 +133,15 @@ class CanServer:
                 bus.excuse_stall(late_ns)
 
     def _accept(self) -> None:
-        link, _ = self._listener.accept()
+        try:
+            link, _ = self._listener.accept()
+        except OSError as error:  # the caller has gone already, or no descriptor is left
+            _log.warning("a client was not accepted: %s", error.strerror)
+            return
+        if len(self._clients) >= MOST_CLIENTS:
+            _log.warning("a client was not accepted: %d are connected", MOST_CLIENTS)
+            link.close()
+            return
         link.setblocking(False)
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         client = _Client(link, outgoing=bytearray(b"< hi >"))

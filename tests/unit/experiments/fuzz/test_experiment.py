@@ -40,6 +40,7 @@ def test_a_small_run_finds_nothing_and_the_same_seed_sends_the_same(tmp_path: Pa
     rows = {(row["method"], row["case"]): row for row in results["rows"]}
     assert rows["messages", "mutated"]["n"] == 4_000
     assert rows["attempts", "truncated"]["n"] > 100
+    assert rows["CAN server", "mutated"]["n"] == 300
     assert all(row["metrics"]["taken"] > 0 for (_, case), row in rows.items() if case == "mutated")
     again = experiment.run(tmp_path, 1, ALONE, config, replace(plan, frames=0, files=0))
     assert again["rows"][0]["metrics"]["taken"] == rows["messages", "mutated"]["metrics"]["taken"]

@@ -13,7 +13,7 @@ from common.timing import NS_PER_S
 from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.measurement import DriveSetpoint
 from sim.can.nodes import FollowerBus
-from sim.can.server import CanServer
+from sim.can.server import MOST_CLIENTS, CanServer
 from tests.rigs.canbus_rig import (
     CONFIG_PATH,
     stepped_config,
@@ -73,3 +73,33 @@ def test_the_same_over_a_socket() -> None:
             break
     assert "CAN bus" in measured.bus_lost
     drives.close()
+
+
+def test_a_client_too_many_and_one_that_left_at_once_cost_the_others_nothing(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    class Listener(socket.socket):
+        refusals = 1
+
+        def accept(self) -> tuple[socket.socket, object]:
+            if self.refusals:
+                self.refusals -= 1
+                super().accept()[0].close()
+                raise ConnectionAbortedError(103, "Software caused connection abort")
+            return super().accept()
+
+    listener = Listener(socket.AF_INET, socket.SOCK_STREAM)
+    listener.bind(("127.0.0.1", 0))
+    listener.listen(2 * MOST_CLIENTS)
+    server = CanServer(listener, {}, time.monotonic_ns)
+    server.start()
+    links = [socket.create_connection(server.address, 10.0) for _ in range(MOST_CLIENTS + 2)]
+    greetings = [link.recv(16) for link in links]
+    assert greetings == [b"", *([b"< hi >"] * MOST_CLIENTS), b""]
+    links[1].sendall(b"< echo >")
+    assert links[1].recv(16) == b"< echo >"
+    for link in links:
+        link.close()
+    server.stop()
+    assert "connection abort" in caplog.text
+    assert f"{MOST_CLIENTS} are connected" in caplog.text
