@@ -1,4 +1,4 @@
-"""The files that processes read: configuration, overrides, calibration, taught images, queue, requests seen."""
+"""The files that processes read: configuration, overrides, object dictionaries, calibration, and what they keep."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from common.canopen.node import load_dictionary
 from common.config import Config, default_config_path, load_config
 from common.errors import ConfigError
 from common.files.parsing import UnreadableError, read_text
@@ -67,6 +68,16 @@ def _used(config: Config) -> str:
     points = features_at(config.leds.points, config.docking.goal(1), config.camera.mount)
     calibration_hash(config.camera)
     return "" if np.isfinite(config.leds.points).all() and points.shape[1] == 2 else "accepted, not usable"
+
+
+def _dictionary_example(config: Config) -> bytes:
+    path = default_config_path().parent / config.follower_can.drive_eds
+    return path.read_bytes()
+
+
+def _read_dictionary(path: Path, _config: Config) -> str:
+    load_dictionary.cache_clear()
+    return "" if load_dictionary(path, 1).names else "accepted a dictionary without objects"
 
 
 def _calibration_example(config: Config) -> bytes:
@@ -157,6 +168,14 @@ PROCESS_KINDS = (
         form="toml",
         example=_calibration_example,
         read=_read_calibration,
+        refuses=(ConfigError,),
+    ),
+    FileKind(
+        name="object dictionary",
+        file_name="drive.eds",
+        form="toml",
+        example=_dictionary_example,
+        read=_read_dictionary,
         refuses=(ConfigError,),
     ),
     FileKind(

@@ -23,7 +23,7 @@ from experiments.fuzz.messages import Mutator
 from experiments.fuzz.mutate import spoilt
 
 SUBSCRIBERS, SESSIONS = 200, 8
-_READY_S = 60.0
+_READY_S = 180.0
 _BLOCK_BYTES, _BLOCKS = 1 << 20, 64
 _PAYLOADS = 500
 _DATAGRAM_BYTES = 1400

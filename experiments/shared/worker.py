@@ -1,6 +1,8 @@
 """A process that does one run after the other, in one thread: a run may fork, and gives the same bits everywhere.
 
-Requests and answers are pickles with their length in front, over stdin and stdout.
+Requests and answers are pickles with their length in front, over stdin and stdout. ``concurrent.futures`` does not
+serve here: a worker of dask is a daemonic process, in which multiprocessing refuses to start another, and one lost
+process would break its whole pool, with no word of which run was the cause.
 """
 
 from __future__ import annotations

@@ -66,7 +66,7 @@ MODES, EVIDENCE, FIGURES = (
     rows("### Where it is built, and what shows it"),
     rows("## Figures to reach"),
 )
-IDS = [f"S{number:02}" for number in range(1, 50)] + [f"P{number:02}" for number in range(1, 12)]
+IDS = [f"S{number:02}" for number in range(1, 50)] + [f"P{number:02}" for number in range(1, 14)]
 
 
 def cited_ids(text: str) -> set[str]:
