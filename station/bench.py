@@ -1,4 +1,4 @@
-"""``davpc bench``: what solvers, paths of perception and the CAN bus cost, side by side."""
+"""``davpc bench``: what solvers, paths of perception, the CAN bus and the recorder cost, side by side."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from experiments.bench import can, control, perception
-from station.options import ConfigOption, OutOption, SeedOption, SetOption, loaded, show
+from common.config import default_config_path
+from experiments.bench import can, control, perception, recording
+from station.options import ConfigOption, OutOption, SeedOption, SetOption, judge, loaded, show
 
 bench = typer.Typer(no_args_is_help=True, help="Measure run times side by side. `davpc bench control`")
 
@@ -48,3 +49,14 @@ def run_can(
     """Measure round trip, exchange and lateness of the bridge's loop, and its share of a core."""
     can.run(out, config, real_bus, cycles)
     show(out)
+
+
+@bench.command("recording", epilog="Example:  davpc bench recording --pairs 3")
+def run_recording(
+    pairs: Annotated[int, typer.Option(min=1, max=50, help="dockings with, and as many without")] = 2,
+    out: OutOption = Path("out/bench-recording"),
+    config: ConfigOption = None,
+) -> None:
+    """Dock with the recorder on and off in turn: what it costs control, itself, and the disk."""
+    path = config or default_config_path()
+    judge(out, recording.run(out, loaded(path, None), path, pairs, typer.echo))

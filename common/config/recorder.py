@@ -26,4 +26,4 @@ class RecorderConfig(Section):
     frames: Literal["pictures", "all"] = "pictures"
     disk_mb: Annotated[int, Field(ge=50, le=1_000_000, description="of all files together")] = 2000
     frames_mb: Annotated[int, Field(ge=100, le=1_000_000, description="of one docking's lossless frames")] = 4000
-    views: Annotated[bool, Field(description="whether what viewers show is recorded beside the wire's bytes")] = True
+    views: Annotated[bool, Field(description="what viewers show, at once; else davpc export --to foxglove")] = False

@@ -21,6 +21,7 @@ class RecordingFiles:
         config: of the run.
         about: what else is to be known of the run.
         lossless: whether there are frames to be kept.
+        views: whether what viewers show is written at once.
         further: channels outside the table whose messages are shown too.
 
     Raises:
@@ -34,6 +35,7 @@ class RecordingFiles:
         about: dict[str, str],
         *,
         lossless: bool,
+        views: bool,
         further: Sequence[Channel[Any]] = (),
     ) -> None:
         self._stack = ExitStack()
@@ -44,7 +46,7 @@ class RecordingFiles:
             self._files[0],
             config,
             about,
-            views=config.recorder.views,
+            views=views,
             frames=self._files[1] if lossless else None,
             frames_bytes=config.recorder.frames_mb * 1_000_000,
             further=further,

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from common.recording.run import FramePictures, Item
 
-FLUSH_S = 0.5
+FLUSH_S, LOOK_S = 0.5, 0.02
 # so much waits at most; frames wait in shared memory for 100 ms, which is sooner
 _MOST_BYTES, _MOST_ITEMS = 32_000_000, 20_000
 
@@ -61,7 +61,6 @@ class LiveRecording:
                 self._bytes -= len(oldest[1])
                 self._dropped[oldest[0]] += 1
                 self.dropped += 1
-            self._change.notify()
 
     def close(self, timeout_s: float = 5.0) -> None:
         """Write what waits, for at most ``timeout_s``."""
@@ -74,7 +73,7 @@ class LiveRecording:
         due_s = time.monotonic() + FLUSH_S
         while True:
             with self._change:
-                self._change.wait_for(lambda: self._waiting or self._closing, max(0.0, due_s - time.monotonic()))
+                self._change.wait_for(lambda: self._closing, LOOK_S)  # to be woken by each message would cost more
                 waiting, dropped, closing = self._waiting, self._dropped, self._closing
                 self._waiting, self._bytes, self._dropped = deque(), 0, Counter()
             try:

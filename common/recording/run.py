@@ -18,7 +18,7 @@ from common.frames.ring import FrameReader
 from common.messages import DockingState, Frame, MessageError, NodeSnapshot, StepJournal, decode
 from common.recording import pictures, scene
 from common.recording.mcap_file import RunWriter
-from common.recording.views import PREFIX, unpacked, view, view_schema
+from common.recording.views import PREFIX, stamp_of, unpacked, view, view_schema
 from common.timing import NS_PER_S
 
 RUN_NOTE, CONFIGURATION_NOTE, DROPPED_NOTE = "davpc.run", "davpc.configuration", "davpc.dropped"
@@ -26,7 +26,7 @@ _UNSEEN = (StepJournal, NodeSnapshot)
 WORLD_KEY = "world/state"
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Item:
     """What is to be recorded: a message as on the wire, and for a frame its picture and its pixels without loss."""
 
@@ -118,15 +118,13 @@ class RunRecording:
     def add(self, item: Item) -> None:
         """Append one item."""
         key, log_ns = item.key, item.receipt_ns
-        content = unpacked(item.payload)
-        stamp = content[0].get("stamp_ns") if content is not None else None
-        publish_ns = stamp if isinstance(stamp, int) and 0 <= stamp < 2**63 else log_ns
+        stamp_ns = stamp_of(item.payload)
+        publish_ns = log_ns if stamp_ns is None else stamp_ns
         if not self._writer.known(key):
             self._declare(key)
         self._writer.add(key, item.payload, log_ns, publish_ns)
-        channel = self._shown[key]
-        if self._scene is not None and content is not None and channel is not None:
-            self._show(self._scene, channel, item, content)
+        if self._scene is not None:
+            self._show_all(self._scene, item)
         if item.picture is not None:
             self._put(scene.IMAGE, scene.image(item.capture_ns, item.picture, "jpeg"), log_ns, item.capture_ns)
         if item.pixels is not None and self._frames is not None:
@@ -155,6 +153,15 @@ class RunRecording:
         self._writer.declare(key, "msgpack", None, about)
         self._shown[key] = None if channel is None or channel.message in _UNSEEN else channel
 
+    def _show_all(self, drawn: scene.Drawing, item: Item) -> None:
+        content, channel = unpacked(item.payload), self._shown[item.key]
+        if content is None:
+            return
+        if channel is not None:
+            self._show(drawn, channel, item, content)
+        if item.key == WORLD_KEY:
+            self._show_world(drawn, item, content[1])
+
     def _show(
         self,
         drawn: scene.Drawing,
@@ -176,8 +183,13 @@ class RunRecording:
             put(scene.CALIBRATION, drawn.calibration(log_ns))
         if isinstance(message, DockingState):
             self._draw(drawn, message, put)
-        elif channel.key == WORLD_KEY:
-            put(scene.SCENE, drawn.trolleys(log_ns, [message.trolley, *message.queue]))
+
+    def _show_world(self, drawn: scene.Drawing, item: Item, body: dict[str, Any]) -> None:
+        """The trolleys of a simulated world, whose messages are not in the robots' table."""
+        match body:
+            case {"trolley": [float(), float(), float()] as held, "queue": list(queue)}:
+                handles = [(x, y, theta) for x, y, theta in (held, *queue)]
+                self._put(scene.SCENE, drawn.trolleys(item.receipt_ns, handles), item.receipt_ns, item.receipt_ns)
 
     def _draw(self, drawn: scene.Drawing, state: DockingState, put: Callable[[str, bytes], None]) -> None:
         put(scene.ANNOTATIONS, drawn.annotations(state))

@@ -47,6 +47,21 @@ def unpacked(payload: bytes) -> tuple[dict[str, Any], dict[str, Any]] | None:
     return (header, body) if isinstance(header, dict) and isinstance(body, dict) else None
 
 
+def stamp_of(payload: bytes) -> int | None:
+    """When a message was published; None where it is none. Looks at its header only."""
+    unpacker = msgpack.Unpacker(max_buffer_size=len(payload) + 1)
+    unpacker.feed(payload)
+    try:
+        if unpacker.read_array_header() != 4:
+            return None
+        unpacker.skip()
+        header = unpacker.unpack()
+    except (ValueError, RecursionError, msgpack.UnpackException):
+        return None
+    stamp = header.get("stamp_ns") if isinstance(header, dict) else None
+    return stamp if isinstance(stamp, int) and 0 <= stamp < 2**63 else None
+
+
 def view(header: dict[str, Any], body: dict[str, Any]) -> bytes:
     """The view of a message as JSON."""
     content = {**_small(body), "header": _small(header)}

@@ -94,6 +94,10 @@ class Fleet:
             if entry.name not in self.children or self.children[entry.name].poll() is not None:
                 self.children[entry.name] = self._starters[entry.robot].start(entry.name)
 
+    def start(self, name: str) -> None:
+        """Start one more process of the table; it ends with the others."""
+        self.children[name] = self._starter.start(name)
+
     def all_alive(self) -> bool:
         """Whether every process is declared alive on the bus."""
         return self.bus.alive() >= set(self.children)

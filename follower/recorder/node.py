@@ -77,7 +77,8 @@ class RecorderNode(Node):
             "monotonic_ns": str(context.clock.now_ns()),
             "boot": context.clock.boot_id,
         }
-        return RecordingFiles(path, context.config, about, lossless=context.config.recorder.frames == "all")
+        chosen = context.config.recorder
+        return RecordingFiles(path, context.config, about, lossless=chosen.frames == "all", views=chosen.views)
 
 
 def _time_of_day() -> str:

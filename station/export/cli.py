@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -14,6 +14,7 @@ from common.recording.recording import Recording
 from common.timing import NS_PER_S
 from station.export.latency import LatencyTrace, as_table, of_recording
 from station.export.tables import Form, export
+from station.export.viewers import write_views
 from station.operate.link import RobotLink, running_robot
 from station.options import ConfigOption, OutOption, RuntimeOption, loaded
 
@@ -23,11 +24,17 @@ tables_app, trace_app = typer.Typer(), typer.Typer()
 @tables_app.command("export", epilog="Example:  davpc export out/run3/run.mcap --to csv --out out/tables")
 def write_tables(
     file: Annotated[Path, typer.Argument(help="recording")],
-    form: Annotated[Form, typer.Option("--to", help="csv, parquet or npz")] = "csv",
+    form: Annotated[
+        Literal[Form, "foxglove"], typer.Option("--to", help="tables, or an MCAP file with all that viewers show")
+    ] = "csv",
     out: OutOption = Path("out/tables"),
 ) -> None:
-    """Write one table a channel, with units in the header. `davpc export run.mcap --to npz`"""
-    written = export(Recording.read(file), form, out)
+    """Write one table a channel, with units in the header, or a file for viewers. `davpc export run.mcap --to npz`"""
+    recording = Recording.read(file)
+    if form == "foxglove":
+        written = [write_views(recording, out / f"{file.stem}.foxglove.mcap")]
+    else:
+        written = export(recording, form, out)
     typer.echo(f"written: {', '.join(map(str, written))}")
 
 

@@ -57,7 +57,11 @@ class RecordedAttempt:
         self._under_way = self.missions[first : last + 1]
 
     def _all(self, channel: Channel[Any]) -> list[tuple[int, Any]]:
-        return [(log_ns, message) for log_ns, _, message in self.recording.messages(channel)]
+        """Messages with the time of their publication: what a recorder notes as receipt may be some ms later."""
+        found = self.recording.messages(channel)
+        if channel.reach == "pair":  # by another robot's clock
+            return [(log_ns, message) for log_ns, _, message in found]
+        return [(header.stamp_ns, message) for _, header, message in found]
 
     @property
     def config(self) -> Config:

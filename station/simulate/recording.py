@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from common.recording.files import RecordingFiles
     from common.recording.run import FramePictures
 
-RECORDING = "run.mcap"
+RECORDING, STEPPED = "run.mcap", "stepped"
 
 
 @contextmanager
@@ -33,7 +33,7 @@ def stepped_recording(run: Run, runtime: Path) -> Iterator[Callable[[Channel[Any
         yield lambda _channel, _payload, _time_ns: None
         return
     pictures = _pictures(run, runtime)
-    with closing(_files(run, "stepped")) as files:
+    with closing(_files(run, STEPPED)) as files:
         yield lambda channel, payload, time_ns: files.take(pictures.item(channel.key, payload, time_ns))
 
 
@@ -63,4 +63,6 @@ def _files(run: Run, mode: str) -> RecordingFiles:
     world = run.world
     about = {"scene": world.scene, "seed": world.seed, "start": list(world.start), "source": f"davpc sim, {mode}"}
     path = run.out / RECORDING
-    return RecordingFiles(path, run.config, json_note(about), lossless=run.frames, further=(WORLD,))
+    return RecordingFiles(
+        path, run.config, json_note(about), lossless=run.frames, views=mode == STEPPED, further=(WORLD,)
+    )

@@ -60,7 +60,7 @@ def record(
     """
     clock = SteppedClock()
     journals = {entry.name: JournalWriter() for entry in ONE_MACHINE if entry.journaled}
-    files = RecordingFiles(path, config, {"seed": "1"}, lossless=lossless, further=(WORLD,))
+    files = RecordingFiles(path, config, {"seed": "1"}, lossless=lossless, views=True, further=(WORLD,))
     with tempfile.TemporaryDirectory() as folder:
         runtime = Path(folder)
         pictures = FramePictures(runtime, 1.0, 80, lossless=lossless)

@@ -23,7 +23,7 @@ from common.recording.files import RecordingFiles
 from common.recording.live import LiveRecording
 from common.recording.run import FramePictures
 path = Path(sys.argv[1])
-sink = RecordingFiles(path, load_config(default_config_path()), {}, lossless=False)
+sink = RecordingFiles(path, load_config(default_config_path()), {}, lossless=False, views=False)
 kept = LiveRecording(sink, FramePictures(path.parent, 0.0, 80, lossless=False))
 print("ready", flush=True)
 while True:
