@@ -19,7 +19,7 @@ from common.config import BusConfig, load_config
 from common.executor import earlier_processes
 from common.messages import Answer, DockRequest, Drives, Health, LeaderState, MessageError, Mission, decode
 from common.node import Outbox
-from common.processes import ONE_MACHINE, PROCESSES
+from common.processes import ONE_MACHINE, PROCESSES, process
 from common.timing import NS_PER_S, MonotonicClock
 from experiments.shared.operator import Operator
 from experiments.shared.process import Starter, wait_for
@@ -96,7 +96,7 @@ class Fleet:
 
     def start(self, name: str) -> None:
         """Start one more process of the table; it ends with the others."""
-        self.children[name] = self._starter.start(name)
+        self.children[name] = self._starters[process(name).robot].start(name)
 
     def all_alive(self) -> bool:
         """Whether every process is declared alive on the bus."""
