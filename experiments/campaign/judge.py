@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
 from common.config import Config
@@ -12,6 +12,7 @@ from experiments.campaign.trace import BusSample, Trace
 from experiments.campaign.unsafe import unsafe_motion
 
 _TOGETHER_MS = 300.0
+_NEAR_NS = 20 * NS_PER_MS
 _STOPPED, _OFF_WITHIN_NS = ("stopped", "disarmed", "fault"), 3 * NS_PER_S
 
 
@@ -124,13 +125,12 @@ def reaction_of(trace: Trace, reference: list[BusSample]) -> tuple[str, float | 
     be led on while the base brakes, and leave it within 3 s then.
     """
     end_ns = reference[-1].t_ns if reference else trace.fault_ns
+    times = [sample.t_ns for sample in reference]
     zero_ns = next(
-        (s.t_ns for s in trace.bus if not s.commanded and s.t_ns <= end_ns and _moves(reference, s.t_ns)), None
+        (s.t_ns for s in trace.bus if not s.commanded and s.t_ns <= end_ns and _moves(reference, times, s.t_ns)), None
     )
     was_on = trace.bus[0].arms_on and trace.bus[0].wheels_on
-    off = (
-        s.t_ns for s in trace.bus if not (s.arms_on and s.wheels_on) and not _off_anyway(reference, s.t_ns, end_ns)
-    )
+    off = (s.t_ns for s in trace.bus if not (s.arms_on and s.wheels_on) and not _off_anyway(reference, times, s.t_ns))
     latched = "S2" if "reset" in trace.refused else "S1"
     if not was_on and trace.end not in ("", "done"):
         return latched, None  # nothing was armed, and nothing will be
@@ -169,22 +169,17 @@ def _ms(trace: Trace, t_ns: int) -> float:
     return (t_ns - trace.fault_ns) / NS_PER_MS
 
 
-def _at(samples: list[BusSample], t_ns: int) -> BusSample:
-    """The sample in force at a time."""
-    times = [sample.t_ns for sample in samples]
-    return samples[max(0, bisect_right(times, t_ns) - 1)]
-
-
-def _moves(reference: list[BusSample], t_ns: int) -> bool:
+def _moves(reference: list[BusSample], times: list[int], t_ns: int) -> bool:
     """Whether it would have been commanded to move then, and some 20 ms before and after."""
-    near = [s for s in reference if abs(s.t_ns - t_ns) <= 20 * NS_PER_MS]
+    near = reference[bisect_left(times, t_ns - _NEAR_NS) : bisect_right(times, t_ns + _NEAR_NS)]
     return bool(near) and all(s.commanded for s in near)
 
 
-def _off_anyway(reference: list[BusSample], t_ns: int, end_ns: int) -> bool:
-    if t_ns > end_ns or not reference:
+def _off_anyway(reference: list[BusSample], times: list[int], t_ns: int) -> bool:
+    """Whether drives would have been out of operation at that time without the fault as well."""
+    if not reference or t_ns > times[-1]:
         return False
-    sample = _at(reference, t_ns)
+    sample = reference[max(0, bisect_right(times, t_ns) - 1)]
     return not (sample.arms_on and sample.wheels_on)
 
 
