@@ -44,9 +44,11 @@ def branch(work: Callable[[], Result]) -> Result:
 def _answer(work: Callable[[], Result], writing: int) -> None:
     """In the child: write the result, and end without what the parent registered for its own end."""
     try:
-        answer = pickle.dumps((True, work()))
-    except BaseException:  # noqa: BLE001 - whatever it was, the parent has to know
-        answer = pickle.dumps((False, traceback.format_exc()))
-    with os.fdopen(writing, "wb") as pipe:
-        pipe.write(answer)
-    os._exit(0)
+        try:
+            answer = pickle.dumps((True, work()))
+        except BaseException:  # noqa: BLE001 - whatever it was, the parent has to know
+            answer = pickle.dumps((False, traceback.format_exc()))
+        with os.fdopen(writing, "wb") as pipe:
+            pipe.write(answer)
+    finally:
+        os._exit(0)  # also if the parent is gone: a branch never goes on as its parent

@@ -33,6 +33,7 @@ FREE = (
 CONTACT = ("S01", "S04", "S08", "S14", "S20", "S24", "S33", "S34", "S35", "S38", "S39", "S49")
 
 
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     ("rows", "phases"),
     [(FREE, ("approach",)), (FREE, ("last_metre",)), (CONTACT, ("push",))],
@@ -46,6 +47,7 @@ def test_every_fault_is_answered_safely_rightly_by_name_and_in_time(
     assert results["settings"]["missed"] == []
 
 
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     ("row", "fault", "control"),
     [
