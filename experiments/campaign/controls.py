@@ -274,6 +274,8 @@ STAND_IN = {
     "bridge: latched epoch": "the supervisor goes on to another epoch before the next command",
     "supervisor: contact too early": "the collision's limit notices before",
     "controller: solver's status": "a failed plan commands zero",
+    "controller: solve late": "the gate's command_age stands in: what comes late is too old, or stamped ahead",
+    "arm gate: epoch": "the arms take up a new epoch before the drives are enabled; tests/unit/follower/can_bridge",
     "controller: states that come late": "the command after a gap of 75 ms stands in, with loops up to 30 ms late",
     "bridge: arms led while braking": "rare: the grip must be at its limit; tests/unit/follower/can_bridge",
     "supervisor: drives silent": "the drives' watchdogs stop first; it names the end of the docking",
