@@ -17,7 +17,8 @@ Action = Literal["start", "reset"]
 class Operator:
     """Begins a docking a minute at most; one that was aborted is tried again, three times in all.
 
-    ``ends`` counts how dockings ended; ``given_up`` names the trolley after which none was begun.
+    ``ends`` counts how dockings ended; ``under_way``: one that it began has not ended; ``given_up`` names
+    the trolley after which none was begun.
     """
 
     def __init__(self) -> None:
@@ -25,14 +26,14 @@ class Operator:
         self.ends: Counter[str] = Counter()
         self.given_up = ""
         self._tries = 0
-        self._under_way = False
+        self.under_way = False
         self._began_s = self._due_s = 0.0
 
     def step(self, now_s: float, mission: Mission | None, leader: LeaderState | None) -> Action | None:
         """What to ask for now, if anything."""
         if mission is None or self.given_up or self.trolley > MOST_TROLLEYS:
             return None
-        if self._under_way:
+        if self.under_way:
             ended = mission.phase in ("done", "aborted") and mission.trolley == self.trolley
             if now_s - self._began_s > _LIMIT_S:
                 self._end(now_s, "not ended by name", locked=False)
@@ -48,11 +49,11 @@ class Operator:
         """What came of the request."""
         self._due_s = now_s + _PATIENCE_S
         if action == "start" and accepted:
-            self._under_way, self._began_s = True, now_s
+            self.under_way, self._began_s = True, now_s
 
     def _end(self, now_s: float, how: str, locked: bool) -> None:
         self.ends[how] += 1
-        self._under_way = False
+        self.under_way = False
         self._tries += 1
         if how == "done" or locked:
             self.trolley, self._tries = self.trolley + 1, 0
