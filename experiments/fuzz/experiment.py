@@ -112,7 +112,10 @@ def run(
         "minutes": (time.monotonic() - begin_s) / 60.0,
     }
     rows = [row(target, case, tally.runs, _metrics(tally)) for (target, case), tally in whole.items()]
-    return write_results(out, "fuzz", seed, settings, rows, [], robots, missed_note(missed))
+    left = [f"{target}, {case}" for (target, case), tally in whole.items() if not tally.runs]
+    settings["not_reached"] = left
+    note = missed_note(missed) + (f"\n\nNot reached in {plan.seconds:g} s: {'; '.join(left)}." if left else "")
+    return write_results(out, "fuzz", seed, settings, rows, [], robots, note)
 
 
 def fuzz_job(job: FuzzJob) -> Tally:

@@ -164,9 +164,8 @@ class _Bench:
                         bus.publish(channel, payload)
                 self.until(partial(_past, begin_s + number / PER_S), _DOCKING_S)
                 if _REPORTS * number // count != _REPORTS * (number + _BURST) // count:
-                    progress(
-                        f"fuzz: {number + _BURST} of {count}, dockings: {self.dockings['during'] or 'none ended'}"
-                    )
+                    ended = dict(self.dockings["during"]) or "none ended"
+                    progress(f"fuzz: {number + _BURST} of {count}, dockings: {ended}")
                 if self.wrong:
                     return
                 if self.operator.given_up:

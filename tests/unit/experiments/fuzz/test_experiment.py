@@ -35,7 +35,7 @@ def config() -> Config:
 def test_a_small_run_finds_nothing_and_the_same_seed_sends_the_same(tmp_path: Path, config: Config) -> None:
     plan = FuzzPlan(messages=4_000, frames=1_500, files=60, stride=53)
     results = run(tmp_path, 1, ALONE, config, plan, STATION_KINDS)
-    assert results["settings"]["missed"] == []
+    assert results["settings"]["missed"] == results["settings"]["not_reached"] == []
     assert json.loads((tmp_path / "results.json").read_text()) == results
     rows = {(row["method"], row["case"]): row for row in results["rows"]}
     assert rows["messages", "mutated"]["n"] == 4_000
@@ -90,3 +90,9 @@ def test_a_finding_is_kept_with_its_input(tmp_path: Path, config: Config, monkey
     assert "5 times" in missed
     assert len(list((tmp_path / "findings").glob("messages-1-*.bin"))) == 1
     assert "by hand" in next((tmp_path / "findings").glob("*.txt")).read_text()
+
+
+def test_what_the_time_did_not_reach_is_named(tmp_path: Path, config: Config) -> None:
+    results = run(tmp_path, 1, ALONE, config, FuzzPlan(messages=2000, frames=0, files=0, seconds=1e-9))
+    assert "messages, mutated" in results["settings"]["not_reached"]
+    assert "Not reached in 1e-09 s: messages, mutated" in (tmp_path / "table.md").read_text()
