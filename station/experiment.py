@@ -15,6 +15,9 @@ from experiments.feature_level.sets import SetName
 from experiments.perception import experiment as perception
 from experiments.queues import scenarios, sequential
 from experiments.shared.executor import Workers
+from experiments.tolerance import experiment as tolerance
+from experiments.tolerance.robots import CLASSES
+from experiments.tolerance.robots import METHODS as LEARNED
 from experiments.tuning import experiment as tuning
 from experiments.tuning.spaces import SPACES
 from station.options import (
@@ -121,6 +124,26 @@ def run_disturbance(
     disturbance.run(out, seed, Workers(jobs, cluster), robots, trials, *chosen, pixels=pixels, sets=flown)
     show(out)
     typer.echo(f"seed: {seed}")
+
+
+@experiment.command("tolerance", epilog="Example:  davpc experiment tolerance --robots 50 --jobs 2")
+def run_tolerance(
+    robots: Annotated[int, typer.Option(min=1, help="drawn for each class of error")] = 50,
+    methods: MethodsOption = "",
+    cases: CasesOption = "",
+    sensitivities: Annotated[bool, typer.Option(help="dock one error at a time too")] = True,
+    seed: SeedOption = 1,
+    jobs: JobsOption = CORES,
+    cluster: ClusterOption = "",
+    out: OutOption = Path("out/tolerance"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Robots that are not as configured: what errors of camera, lens, LEDs and wheels cost at the dock."""
+    chosen = names(methods, tuple(LEARNED), "method"), names(cases, tuple(CLASSES), "case")
+    workers = Workers(jobs, cluster)
+    tolerance.run(out, seed, workers, loaded(config, overrides), robots, *chosen, sensitivities=sensitivities)
+    show(out)
 
 
 @experiment.command("sweep", epilog="Example:  davpc experiment sweep --trials 10")
