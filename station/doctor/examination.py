@@ -17,7 +17,7 @@ from common.channels import DOCKING_STATE, DRIVES, FOLLOWER_GATEWAY, LEADER_GATE
 from common.config import BusConfig, Config, load_config
 from common.processes import ONE_MACHINE, PROCESSES
 from follower.camera.calibration_file import StoredCalibration, stored
-from follower.model.taught import taught_images
+from follower.model.taught import taught_geometry
 from gateway.access import Robot, robot_access
 from gateway.credentials import check_credentials, credentials_folder
 from station.doctor import can as doctor_can
@@ -200,7 +200,8 @@ class RobotExamination:
 
     def _taught(self) -> Finding:
         def trolleys() -> list[int]:
-            return sorted(taught_images(self.config, self.examination.path) or {})
+            found = taught_geometry(self.config, self.examination.path)
+            return [] if found is None else sorted(found.goals)
 
         return doctor_robot.check_taught(run_probe(trolleys, _PROBE_S))
 
