@@ -46,7 +46,7 @@ def run(
         workers: who does the runs.
         config: the robots.
         trials: runs of each method under each disturbance.
-        methods: ``vpc`` is the paper's control without observer and compensation, ``paper`` with both.
+        methods: ``vpc`` is the paper's control without compensation, ``paper`` with it.
         cases: names from ``DISTURBANCES``; those that a set does not have are left out there.
         pixels: render every frame and put it through the whole perception, with the array as configured.
         sets: of starts, disturbances and noise, see :mod:`experiments.feature_level.sets`. Outside the lab's the

@@ -34,8 +34,9 @@ METHODS = ("ibvs", "ke", "pose_based", "paper", "paper_compensated", "davpc")
 DEFAULT_METHODS = ("ibvs", "ke", "pose_based", "paper", "davpc")
 FLOWN = {"paper": "vpc", "paper_compensated": "paper"}  # names of this table -> of the pilots
 NOTE = (
-    "`paper`: the nominal controller (VPC) without observer and compensation, as in the paper's simulation; in the "
-    "disturbance experiment it is called `vpc`. `paper_compensated`: with both; there it is `paper`."
+    "`paper`: the nominal controller (VPC) without compensation, as in the paper's simulation, from the observer's "
+    "state (`controller.compensation.initial_state`); in the disturbance experiment it is called `vpc`. "
+    "`paper_compensated`: with compensation; there it is `paper`."
 )
 
 

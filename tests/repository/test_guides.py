@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,24 +13,13 @@ import typer
 from common.config import Config, HomingConfig
 from station.cli import app
 from station.commission.wiring import wiring
+from tests.rigs.guide_snippets import PREFIX, snippets
 
 ROOT = Path(__file__).parents[2]
 GUIDES = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*.md"))]
 CLI = typer.main.get_command(app)
 USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]  # click, or the copy of it that typer has
-_CODE_LINE = re.compile(r"^(?: {4}|\t)(?!\s)(.+)$|^ {7}(\S.+)$", re.MULTILINE)
-_INLINE = re.compile(r"`([^`\n]+(?:\n[^`\n]+)?)`")
-_PREFIX = re.compile(r"^(?:\$ )?(?:sudo(?: -u davpc)? )?(?:\.venv/bin/)?")
 _LINK = re.compile(r"\]\(([^)#\s]+?)(?:#[^)]*)?\)")
-
-
-def snippets(text: str) -> Iterator[tuple[str, bool]]:
-    """Code of a guide without its comments; whether it stands in a block, to be typed as it is."""
-    for match in _CODE_LINE.finditer(text):
-        yield (match[1] or match[2]).split(" #")[0].strip(), True
-    prose = _CODE_LINE.sub("", text)
-    for match in _INLINE.finditer(prose):
-        yield " ".join(match[1].split()), False
 
 
 def davpc_commands() -> list[tuple[str, str, bool]]:
@@ -39,7 +27,7 @@ def davpc_commands() -> list[tuple[str, str, bool]]:
     found = []
     for guide in GUIDES:
         for code, typed in snippets(guide.read_text(encoding="utf-8")):
-            command = _PREFIX.sub("", code)
+            command = PREFIX.sub("", code)
             if command.startswith("davpc "):
                 found.append((guide.name, command.removeprefix("davpc "), typed))
     return sorted(set(found))
@@ -109,7 +97,7 @@ def test_make_targets_and_scripts_in_the_guides_exist() -> None:
     seen = 0
     for guide in GUIDES:
         for code, _ in snippets(guide.read_text(encoding="utf-8")):
-            words = _PREFIX.sub("", code).split()
+            words = PREFIX.sub("", code).split()
             if words[0] == "make" and len(words) > 1:
                 assert words[1] in targets, f"{guide.name}: {code}"
                 seen += 1

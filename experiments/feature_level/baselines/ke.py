@@ -3,7 +3,7 @@
 The goal's place in {F} follows from the point's depth Δh/β and from θ; with the heading it makes the chained form
 ẏ = x θ̇. All three are driven to zero by a quadratic stage cost over a short horizon, within the velocity bounds.
 There is no field-of-view constraint. The rate limit of all methods is added: without it the method would be given a
-robot that the others do not have. The weights are searched (:mod:`experiments.tuning`).
+robot that the others do not have. The weights are a reconstruction; :mod:`experiments.tuning` searches others.
 """
 
 from __future__ import annotations
