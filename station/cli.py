@@ -26,6 +26,7 @@ COMMANDS = {
         "bench": "station.bench:bench",
     },
     "Record and replay": {
+        "record": "station.export.cli_record:record_app",
         "report": "station.report.cli:report_app",
         "replay": "station.replay.cli:replay_app",
         "trace": "station.export.cli:trace_app",

@@ -222,10 +222,20 @@ def frames_path(path: Path) -> Path:
 
 def versions() -> dict[str, str]:
     """What a replay has to have in common with the run to be exact."""
-    found = {"python": platform.python_version(), "machine": platform.machine()}
+    found = {"python": platform.python_version(), "cpu": _cpu()}
     for name in ("davpc", "numpy", "opencv-python-headless", "daqp", "casadi", "pydantic"):
         found[name] = metadata.version(name)
     return found
+
+
+def _cpu() -> str:
+    """The processor's model: numerical libraries choose their code by it, and the last bit with it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.machine()
 
 
 def recorded_config(note: dict[str, str], origin: str) -> Config:

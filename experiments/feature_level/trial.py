@@ -9,10 +9,10 @@ from typing import Protocol
 import numpy as np
 
 from common.config import Config
-from common.docking_errors import docked_error
+from common.docking_errors import paper_errors
 from common.geometry import Array, Pose2, features_at
 from common.timing import NS_PER_S
-from experiments.feature_level.feature_world import Disturbances, FeatureWorld, FrameMeasurement, project
+from experiments.feature_level.feature_world import Disturbances, FeatureWorld, FrameMeasurement
 from experiments.feature_level.scenes import (
     DURATION_S,
     FRAME_RATE_HZ,
@@ -173,20 +173,15 @@ def _settled(task: Task, world: World) -> bool:
 
 def _metrics(task: Task, world: World, trace: FlightTrace, lost: bool, settled_since: float) -> dict[str, float]:
     """At the end of the run: the paper's six columns and this project's."""
-    goal = task.goal_leader_in_follower
-    error = docked_error(world.follower_in_leader, goal)
-    error_px = world.true_pixels() - project(task.config, goal.inverse())
+    errors = paper_errors(world.follower_in_leader, task.goal_leader_in_follower, task.config)
     change = np.diff(np.array([(0.0, 0.0), *trace.command]), axis=0)
     m_v, m_w = np.sqrt(np.mean(change**2, axis=0)) if len(change) else (math.nan, math.nan)
     return {
-        "e_x_cm": 100 * abs(error.e_x_m),
-        "e_y_cm": 100 * abs(error.e_y_m),
-        "e_theta_deg": abs(error.e_theta_deg),
-        "e_p_px": float(np.sqrt(np.mean(np.sum(error_px**2, axis=1)))),
+        **errors,
         "m_v": float(m_v),
         "m_w": float(m_w),
         "lost": float(lost),
-        "over_bound": float(max(abs(error.e_x_m), abs(error.e_y_m)) > OVER_BOUND_M),
+        "over_bound": float(max(errors["e_x_cm"], errors["e_y_cm"]) > 100 * OVER_BOUND_M),
         "settle_s": settled_since,
     }
 

@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 
 from common.channels import COMMAND, DOCK_REQUEST, DOCKING_STATE, DRIVES, LOCK_REQUEST, MISSION
 from common.config import Config, default_config_path
-from common.docking_errors import docked_error
-from common.geometry import Pose2, features_at, wrap_angle
+from common.docking_errors import paper_errors
+from common.geometry import Pose2, wrap_angle
 from common.messages import Command, DockRequest, Mission, Phase
 from common.node import Inbox, Node, NodeContext, Output, Trigger
 from common.processes import ONE_MACHINE
@@ -165,25 +164,11 @@ class _Watcher(Node):
 
     def _errors(self, trolley: int) -> dict[str, float]:
         """The paper's E_p and E_s, true."""
-        truth, config = self._truth, self._config
+        truth = self._truth
         if truth is None:
             return {}
-        goal = config.docking.goal(trolley)
         at = Pose2(truth.x_m, truth.y_m, truth.theta_rad)
-        leds, camera = config.leds.points, config.camera
-        try:
-            seen, desired = (features_at(leds, pose, camera.mount) for pose in (at.inverse(), goal))
-            off_px = np.linalg.norm(camera.pinhole.to_pixels(seen) - camera.pinhole.to_pixels(desired), axis=1)
-            e_p = float(np.sqrt((off_px**2).mean()))
-        except ValueError:
-            e_p = math.nan
-        error = docked_error(at, goal)
-        return {
-            "e_x_cm": 100 * abs(error.e_x_m),
-            "e_y_cm": 100 * abs(error.e_y_m),
-            "e_theta_deg": abs(error.e_theta_deg),
-            "e_p_px": e_p,
-        }
+        return paper_errors(at, self._config.docking.goal(trolley), self._config)
 
     def _compare(self, docking: Docking, state: Any, now_ns: int) -> None:
         """Estimate against truth; a valid pose that is far off is a false lock."""

@@ -1,1 +1,1 @@
-"""``davpc export`` and ``davpc trace``: a recording as tables, and its way from image to CAN."""
+"""``davpc record``, ``export`` and ``trace``: into a file, out of it as tables, and the way from image to CAN."""

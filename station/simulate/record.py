@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from common.channels import ARM_STATE, COMMAND, DOCKING_STATE, DRIVES, FRAME, LEADER_STATE, MISSION, Channel
 from common.config import Config
-from common.docking_errors import docked_error
+from common.docking_errors import paper_errors
 from common.frames.ring import FrameReader, Image
 from common.geometry import Array, Pose2, features_at
 from common.messages import ArmState, Command, DockingState, Drives, Frame, LeaderState, Mission, Phase
@@ -158,21 +159,8 @@ class DockingRecord:
         sample = self.end_of_approach()
         if sample is None:
             return dict.fromkeys(("e_x_cm", "e_y_cm", "e_theta_deg", "e_p_px"))
-        goal = self.goal()
-        error = docked_error(sample.pose, goal)
-        return {
-            "e_x_cm": 100 * abs(error.e_x_m),
-            "e_y_cm": 100 * abs(error.e_y_m),
-            "e_theta_deg": abs(error.e_theta_deg),
-            "e_p_px": self._feature_error_px(sample.pose.inverse(), goal),
-        }
-
-    def _feature_error_px(self, relative: Pose2, goal: Pose2) -> float | None:
-        """RMS distance of the features from the desired ones; None where the LEDs have no image."""
-        try:
-            return float(np.sqrt(((self.pixels(relative) - self.pixels(goal)) ** 2).sum(axis=1).mean()))
-        except ValueError:
-            return None
+        found = paper_errors(sample.pose, self.goal(), self.config)
+        return {name: value if math.isfinite(value) else None for name, value in found.items()}
 
     def pixels(self, relative: Pose2) -> Array:
         """True projections of the LEDs (n, 2) from a relative pose."""

@@ -47,6 +47,7 @@ def record(
     lossless: bool = False,
     fault: Callable[[Rig], None] | None = None,
     fault_s: float = 0.0,
+    views: bool = True,
 ) -> Path:
     """Record the first seconds of a docking.
 
@@ -57,13 +58,14 @@ def record(
         lossless: keep every frame.
         fault: injected at ``fault_s``.
         fault_s: when [s].
+        views: write what viewers show, pictures too.
     """
     clock = SteppedClock()
     journals = {entry.name: JournalWriter() for entry in ONE_MACHINE if entry.journaled}
-    files = RecordingFiles(path, config, {"seed": "1"}, lossless=lossless, views=True, further=(WORLD,))
+    files = RecordingFiles(path, config, {"seed": "1"}, lossless=lossless, views=views, further=(WORLD,))
     with tempfile.TemporaryDirectory() as folder:
         runtime = Path(folder)
-        pictures = FramePictures(runtime, 1.0, 80, lossless=lossless)
+        pictures = FramePictures(runtime, float(views), 80, lossless=lossless)
         collector = Collector(1, 1, clock.now_ns() + NS_PER_S)
         nodes: list[Node] = []
         for number, entry in enumerate(ONE_MACHINE, start=1):

@@ -8,8 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.docking_errors import docked_error
+from common.config import load_config
+from common.docking_errors import docked_error, paper_errors
 from common.geometry import Pose2
+from tests.rigs.canbus_rig import CONFIG_PATH
 
 GOAL = Pose2(1.4, 0.0, 0.0)
 POSES = st.builds(Pose2, st.floats(-9, 9), st.floats(-9, 9), st.floats(-3.1, 3.1))
@@ -38,3 +40,15 @@ def test_an_estimate_of_the_leader_is_inverted_first(leader_in_follower: Pose2) 
 
 def test_the_heading_is_wrapped() -> None:
     assert docked_error(Pose2(-1.4, 0.0, 3.1), Pose2(1.4, 0.0, 0.1)).e_theta_rad == pytest.approx(3.2 - 2 * math.pi)
+
+
+def test_the_papers_columns_are_magnitudes_and_have_no_pixels_behind_the_array() -> None:
+    config = load_config(CONFIG_PATH)
+    goal = config.docking.goal(1)
+    at_goal = paper_errors(goal.inverse(), goal, config)
+    assert at_goal == pytest.approx({"e_x_cm": 0.0, "e_y_cm": 0.0, "e_theta_deg": 0.0, "e_p_px": 0.0}, abs=1e-9)
+    right_of_it = goal.inverse().compose(Pose2(0.0, -0.01, 0.0))
+    off = paper_errors(right_of_it, goal, config)
+    assert off["e_y_cm"] == pytest.approx(1.0)
+    assert off["e_p_px"] > 3.0
+    assert math.isnan(paper_errors(Pose2(5.0, 0.0, 0.0), goal, config)["e_p_px"])
