@@ -22,7 +22,7 @@ class Scenario:
     seconds: float = 12.0
 
     def record(self, path: Path) -> Path:
-        """Record it anew."""
+        """Record it again."""
         config = recording_config(*_QUICK, *self.overrides)
         return record(path, config, self.seconds, fault=self.fault, fault_s=3.5, views=False)
 
