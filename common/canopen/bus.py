@@ -16,6 +16,7 @@ from typing import Any
 import can
 
 from common.canopen.frames import BUS_OFF, CanFrame
+from common.canopen.socketcand import BoundedSocketcand
 from common.config import BusConfig
 from common.errors import DeviceError
 
@@ -58,7 +59,8 @@ class CanBus:
         try:
             self._bus.send(message)
         except (can.CanError, OSError) as error:
-            if _code(error) in (errno.ENOBUFS, errno.EAGAIN):
+            # part of a line may be out to a server that takes no more: what follows would be garbage
+            if self._socket is None and _code(error) in (errno.ENOBUFS, errno.EAGAIN):
                 self.overruns += 1
                 return
             raise BusLostError(f"CAN bus {self.name}: cannot send: {error}") from error
@@ -160,6 +162,8 @@ def _open(config: BusConfig, name: str) -> can.BusABC:
         _knock(config, name)
         options = {"host": config.host, "port": config.port, "tcp_tune": True}
     try:
+        if config.interface == "socketcand":
+            return BoundedSocketcand(channel=config.channel, **options)
         return can.Bus(interface=config.interface, channel=config.channel, ignore_config=True, **options)
     except (can.CanError, OSError, ValueError) as error:
         raise DeviceError(f"CAN bus {name}: cannot be opened: {_first_line(error)}") from error

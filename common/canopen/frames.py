@@ -26,6 +26,7 @@ STATE_OPERATIONAL = 0x05
 STATE_PRE_OPERATIONAL = 0x7F
 
 PDO_INVALID = 0x8000_0000
+PDO_NO_RTR = 0x4000_0000
 HEARTBEAT_LOST = 0x8130
 ERROR_FLAG = 0x2000_0000
 """Marks an error report of the CAN controller, not a data frame (linux/can.h); the other bits are the error."""

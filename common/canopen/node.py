@@ -5,17 +5,20 @@ from __future__ import annotations
 import queue
 import struct
 from collections.abc import Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import canopen
+from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from common.canopen.bus import CanBus
+from common.canopen.eds import initial_value, load_device_file
 from common.canopen.frames import (
     PDO_INVALID,
+    PDO_NO_RTR,
     RPDO,
+    SDO_REQUEST,
     SDO_RESPONSE,
     TPDO,
     CanFrame,
@@ -30,9 +33,14 @@ SYNCHRONOUS = 1
 HEARTBEAT_MS = 100
 """Period of every node's own heartbeat (1017h)."""
 _FOREIGN_FRAMES = 2000
+_FIRST_TPDO = 0x1800
 
 MappedObject = tuple[int, int, int]
 """Index, sub-index and length in bits of an object in a PDO."""
+
+
+class _RefusedError(DeviceError):
+    """The node answered an SDO transfer with an abort."""
 
 
 class _PumpedAnswers(queue.Queue[bytes]):
@@ -82,13 +90,15 @@ class CanopenNode:
     def __init__(self, bus: CanBus, node_id: int, label: str, eds: Path) -> None:
         self.node_id = node_id
         self.label = label
-        self.dictionary = load_dictionary(eds, node_id)
+        self._file = load_device_file(eds, node_id)
+        self.dictionary = self._file.dictionary
         self._eds = eds
-        node = canopen.RemoteNode(node_id, self.dictionary)
-        _SingleThreadedNetwork(bus).add_node(node)
-        node.sdo.RESPONSE_TIMEOUT = SDO_TIMEOUT_S
-        node.sdo.responses = _PumpedAnswers(bus, SDO_RESPONSE + node_id)
-        self._sdo = node.sdo
+        # not the library's RemoteNode: it takes every PDO of the EDS to have its mapping there
+        make_client: Any = SdoClient
+        self._sdo = make_client(SDO_REQUEST + node_id, SDO_RESPONSE + node_id, self.dictionary)
+        self._sdo.network = _SingleThreadedNetwork(bus)
+        self._sdo.RESPONSE_TIMEOUT = SDO_TIMEOUT_S
+        self._sdo.responses = _PumpedAnswers(bus, SDO_RESPONSE + node_id)
 
     def read(self, index: int, subindex: int = 0) -> int:
         """Value of a number in the node's dictionary.
@@ -103,8 +113,12 @@ class CanopenNode:
         except (struct.error, canopen.ObjectDictionaryError) as error:
             raise DeviceError(f"{self._name(index, subindex)}: {len(raw)} bytes do not fit its type") from error
 
+    def has(self, index: int, subindex: int = 0) -> bool:
+        """Whether the EDS describes this object."""
+        return self.dictionary.get_variable(index, subindex) is not None
+
     def write(self, index: int, subindex: int, value: int) -> None:
-        """Write a number and read it back.
+        """Write a number and read it back; one that the node does not let change is accepted if it is right.
 
         Raises:
             DeviceError: no answer, refused, not in the EDS, or the node keeps another value.
@@ -114,23 +128,47 @@ class CanopenNode:
             raw = variable.encode_raw(value)
         except (struct.error, ValueError) as error:
             raise DeviceError(f"{self._name(index, subindex)}: {value} does not fit its type") from error
-        self._transfer(f"write of {value}", index, subindex, raw)
+        try:
+            self._transfer(f"write of {value}", index, subindex, raw)
+        except _RefusedError:
+            if self.read(index, subindex) != value:
+                raise
+            return
         kept = self.read(index, subindex)
         if kept != value:
             raise DeviceError(f"{self._name(index, subindex)}: wrote {value}, the node keeps {kept}")
 
-    def check_identity(self, serial: int = 0) -> None:
+    def check_identity(self, serial: int = 0) -> tuple[str, ...]:
         """Compare 1000h and 1018h with the EDS, and the serial number unless ``serial`` is 0.
+
+        Returns:
+            Warnings: an EDS that gives two numbers, one of which is the node's, or that gives none.
 
         Raises:
             DeviceError: another device; the text names the object that differs.
         """
-        information = self.dictionary.device_information
-        self.expect(0x1000, 0, self._variable(0x1000, 0).default, "device type")
-        self.expect(0x1018, 1, information.vendor_number, "vendor")
-        self.expect(0x1018, 2, information.product_number, "product")
+        self.expect(0x1000, 0, initial_value(self._variable(0x1000, 0)) or None, "device type")
+        warnings = [self._compare(what, subindex) for subindex, what in ((1, "vendor"), (2, "product"))]
         if serial:
             self.expect(0x1018, 4, serial, "serial number")
+        return tuple(text for text in warnings if text)
+
+    def _compare(self, what: str, subindex: int) -> str:
+        """A warning, or nothing."""
+        stated = self._file.identity[what]
+        if not stated:
+            return f"{self._eds.name}: gives no {what} number: {what} of {self.label} not checked"
+        found = self.read(0x1018, subindex)
+        if found not in stated:
+            wanted = " or ".join(f"{number} ({number:#x})" for number in stated)
+            raise DeviceError(
+                f"{self._name(0x1018, subindex)}: {what} is {found} ({found:#x}), expected {wanted} "
+                f"by {self._eds.name}: is that the EDS of this device?"
+            )
+        if len(stated) == 1:
+            return ""
+        places = " and ".join(f"{number:#x}" for number in stated)
+        return f"{self._eds.name}: gives two {what} numbers, {places}; {self.label} has {found:#x}"
 
     def supervise(self, master_id: int, watchdog_ms: int) -> None:
         """Heartbeats both ways: 1017h, 1016h; 1029h keeps the node operational when ours is missing.
@@ -161,16 +199,49 @@ class CanopenNode:
     def _map(
         self, parameters: int, mappings: int, base: Sequence[int], number: int, objects: Sequence[MappedObject]
     ) -> None:
-        """CiA 301: disable the PDO, empty its mapping, fill it, enable it."""
+        """CiA 301: disable the PDO, empty its mapping, fill it, enable it; only what is not already so is written.
+
+        Bit 30 of a TPDO's COB-ID (no remote requests) is the device's own: it stays as it is.
+        """
         parameter, table = parameters + number - 1, mappings + number - 1
-        cob_id = base[number - 1] + self.node_id
-        self.write(parameter, 1, PDO_INVALID | cob_id)
-        self.write(table, 0, 0)
-        for subindex, entry in enumerate(objects, start=1):
-            self.write(table, subindex, mapping(*entry))
-        self.write(table, 0, len(objects))
-        self.write(parameter, 2, SYNCHRONOUS)
+        found = self.read(parameter, 1)
+        kept = found & PDO_NO_RTR if parameters >= _FIRST_TPDO else 0
+        cob_id = base[number - 1] + self.node_id | kept
+        entries = [mapping(*entry) for entry in objects]
+        mapped, synchronous = self._mapped(table, len(entries)) == entries, self.read(parameter, 2) == SYNCHRONOUS
+        if found == cob_id and mapped and synchronous:
+            return
+        if found != PDO_INVALID | cob_id:
+            self._disable(parameter, cob_id, found)
+        if not mapped:
+            self._fill(table, entries)
+        if not synchronous:
+            self.write(parameter, 2, SYNCHRONOUS)
         self.write(parameter, 1, cob_id)
+
+    def _disable(self, parameter: int, cob_id: int, found: int) -> None:
+        """A COB-ID that is right and cannot be changed stays: the device decides what else may be written then."""
+        try:
+            self.write(parameter, 1, PDO_INVALID | cob_id)
+        except _RefusedError:
+            if found != cob_id:
+                raise
+
+    def _mapped(self, table: int, count: int) -> list[int]:
+        """Mapping entries as the node has them; empty if it maps another number of objects."""
+        if self.read(table, 0) != count:
+            return []
+        return [self.read(table, subindex) for subindex in range(1, count + 1)]
+
+    def _fill(self, table: int, entries: Sequence[int]) -> None:
+        try:
+            self.write(table, 0, 0)
+            for subindex, entry in enumerate(entries, start=1):
+                self.write(table, subindex, entry)
+            self.write(table, 0, len(entries))
+        except _RefusedError as error:
+            wanted = ", ".join(f"{entry >> 16:04X}h:{entry >> 8 & 0xFF:02X}" for entry in entries)
+            raise DeviceError(f"{error}; its mapping has to be {wanted}") from error
 
     def expect(self, index: int, subindex: int, wanted: int | None, what: str) -> None:
         """Read a number and compare it.
@@ -195,7 +266,7 @@ class CanopenNode:
                 return bytes(self._sdo.upload(index, subindex))
             self._sdo.download(index, subindex, data)
         except SdoAbortedError as error:
-            raise DeviceError(f"{self._name(index, subindex)}: {what} refused: {error}") from error
+            raise _RefusedError(f"{self._name(index, subindex)}: {what} refused: {error}") from error
         except SdoCommunicationError as error:
             raise DeviceError(f"{self._name(index, subindex)}: {what}: no answer") from error
         except struct.error as error:
@@ -204,31 +275,14 @@ class CanopenNode:
 
     def _variable(self, index: int, subindex: int) -> Any:
         variable = self.dictionary.get_variable(index, subindex)
+        if variable is None and (index, subindex) in self._file.flaws:
+            raise DeviceError(f"{self._eds}: {self._file.flaws[index, subindex]}, needed by {self.label}")
         if variable is None:
             raise DeviceError(f"{self._eds.name}: no object {index:04X}h:{subindex:02X}, needed by {self.label}")
         return variable
 
     def _name(self, index: int, subindex: int) -> str:
         return f"node {self.node_id} ({self.label}): object {index:04X}h:{subindex:02X}"
-
-
-@lru_cache(maxsize=64)
-def load_dictionary(eds: Path, node_id: int) -> Any:
-    """Object dictionary of an EDS for one node id, a ``canopen.ObjectDictionary``; do not change it.
-
-    Raises:
-        ConfigError: missing or not an EDS.
-    """
-    try:
-        dictionary = canopen.import_od(str(eds), node_id)
-    except OSError as error:
-        raise ConfigError(f"{eds}: cannot be read: {error.strerror}") from error
-    except Exception as error:  # the parser raises many kinds of errors
-        first_line = str(error).partition("\n")[0]
-        raise ConfigError(f"{eds}: not an EDS: {first_line}") from error
-    if not dictionary.names:
-        raise ConfigError(f"{eds}: not an EDS: it describes no object")
-    return dictionary
 
 
 def find_eds(name: str, config_path: Path) -> Path:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from common.canopen.node import load_dictionary
+from common.canopen.eds import load_device_file
 from common.config import Config, default_config_path, load_config
 from common.errors import ConfigError
 from common.files.parsing import UnreadableError, read_text
@@ -76,8 +76,8 @@ def _dictionary_example(config: Config) -> bytes:
 
 
 def _read_dictionary(path: Path, _config: Config) -> str:
-    load_dictionary.cache_clear()
-    return "" if load_dictionary(path, 1).names else "accepted a dictionary without objects"
+    load_device_file.cache_clear()
+    return "" if load_device_file(path, 1).dictionary.names else "accepted a dictionary without objects"
 
 
 def _calibration_example(config: Config) -> bytes:

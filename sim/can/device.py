@@ -10,11 +10,11 @@ import logging
 from pathlib import Path
 from typing import Any
 
-import canopen
 from canopen.objectdictionary import NUMBER_TYPES
 from canopen.sdo.exceptions import SdoAbortedError
 from canopen.sdo.server import SdoServer
 
+from common.canopen.eds import load_device_file
 from common.canopen.frames import (
     HEARTBEAT,
     HEARTBEAT_LOST,
@@ -32,18 +32,19 @@ from common.canopen.frames import (
     STATE_PRE_OPERATIONAL,
     STATE_STOPPED,
     SYNC,
+    TPDO,
     CanFrame,
     Emergency,
     emergency_frame,
     heartbeat_frame,
 )
 from common.timing import NS_PER_MS
+from sim.can.dictionary import ObjectValues, check_limits, initial_values
 from sim.can.pdo import Key, PdoTable
 
 PDO_TOO_SHORT = 0x8210
+_SLOWEST_SYNCHRONOUS = 240
 _COMMUNICATION_ERROR = 0x10
-_ABORT_VALUE_HIGH = 0x06090031
-_ABORT_VALUE_LOW = 0x06090032
 _ABORT_NO_OBJECT = 0x06020000
 _ABORT_LENGTH = 0x06070010
 _ABORT_WRITE_ONLY = 0x06010001
@@ -56,12 +57,14 @@ class CanopenDevice:
     def __init__(self, node_id: int, eds: Path, serial: int = 0) -> None:
         logging.getLogger("canopen").setLevel(logging.CRITICAL)  # the library logs each refused transfer
         self.node_id = node_id
-        self.object_dictionary: Any = canopen.import_od(str(eds), node_id)
-        self.values: dict[Key, int] = {}
+        self._file = load_device_file(eds, node_id)
+        self.object_dictionary: Any = self._file.dictionary
+        self.values: dict[Key, int] = ObjectValues()
         self._texts: dict[Key, bytes] = {}
         self._outbox: list[CanFrame] = []
         self._pending: dict[int, bytes] = {}
         self._now_ns = 0
+        self._syncs = 0
         self._next_heartbeat_ns = 0
         self._heartbeat_ns: int | None = None
         self.heartbeat_lost = False
@@ -178,25 +181,18 @@ class CanopenDevice:
         if variable.data_type not in NUMBER_TYPES or len(variable) != 8 * len(data):
             raise SdoAbortedError(_ABORT_LENGTH)
         value = int(variable.decode_raw(bytes(data)))
-        if variable.max is not None and value > variable.max:
-            raise SdoAbortedError(_ABORT_VALUE_HIGH)
-        if variable.min is not None and value < variable.min:
-            raise SdoAbortedError(_ABORT_VALUE_LOW)
+        check_limits(variable, value)
         self._write(index, subindex, value)
 
     # -- inside
 
     def _load_defaults(self) -> None:
-        for index in self.object_dictionary:
-            entry = self.object_dictionary[index]
-            parts = [entry] if isinstance(entry, canopen.objectdictionary.ODVariable) else list(entry.values())
-            for part in parts:
-                if part.data_type in NUMBER_TYPES:
-                    self.values[part.index, part.subindex] = int(part.default or 0)
-                else:
-                    self._texts[part.index, part.subindex] = str(part.default).encode()
-        self.values[0x1018, 1] = self.object_dictionary.device_information.vendor_number
-        self.values[0x1018, 2] = self.object_dictionary.device_information.product_number
+        numbers, texts = initial_values(self.object_dictionary)
+        self.values.update(numbers)
+        self._texts.update(texts)
+        for subindex, what in ((1, "vendor"), (2, "product")):
+            self.values[0x1018, subindex] = next(iter(self._file.identity[what]), 0)
+        self._pdos.load()
 
     def _variable(self, index: int, subindex: int) -> Any:
         variable = self.object_dictionary.get_variable(index, subindex)
@@ -241,7 +237,6 @@ class CanopenDevice:
         self._load_defaults()
         self.values.update(kept)
         self.values[0x1018, 4] = serial
-        self._pdos.clear()
         self._heartbeat_ns, self.heartbeat_lost = None, False
 
     def _take_heartbeat(self, node_id: int) -> None:
@@ -287,7 +282,11 @@ class CanopenDevice:
             self._apply(cob_id, data)
         self.sampled()
         values = self.values
+        self._syncs += 1
         for cob_id, pdo in self._pdos.transmit.items():
+            kind = values[0x1800 + TPDO.index(cob_id - self.node_id), 2]
+            if not 1 <= kind <= _SLOWEST_SYNCHRONOUS or self._syncs % kind:
+                continue
             self._outbox.append(CanFrame(cob_id, pdo.codec.pack(*[values[key] for key in pdo.keys])))
 
     def _flush(self) -> list[CanFrame]:

@@ -250,7 +250,8 @@ class RobotExamination:
             return f"{master} works on the bus; it read all of it back when it opened the bus"
         if not self.examination.devices:
             return "--no-devices"
-        if bus.interface != "socketcan" and run_probe(partial(doctor_can.is_there, bus), _PROBE_S).why:
+        why = "" if bus.interface == "socketcan" else run_probe(partial(doctor_can.is_there, bus), _BUS_S).why
+        if why and (bus.interface == "stepped" or "no socketcand server" in why):
             return "the bus is simulated and no simulation runs"
         return ""
 
