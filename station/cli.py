@@ -5,8 +5,11 @@ Only the room of the command that is named gets imported; ``--help`` imports the
 
 from __future__ import annotations
 
+import io
+import os
 import sys
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from importlib import import_module, metadata
 from typing import Annotated, Any, cast
 
@@ -110,14 +113,33 @@ def davpc(
 
 def main() -> None:
     """Entry point: a user's mistake is one line and exit code 2, a device's failure one line and 3."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal without Ω shows a question mark in its place
+            stream.reconfigure(errors="replace")
+    code: str | int | None = 0
     try:
         app()
+    except SystemExit as end:
+        code = end.code
     except ConfigError as error:
-        typer.echo(f"davpc: {error}", err=True)
-        sys.exit(EXIT_CONFIG)
+        code = _fail(str(error), EXIT_CONFIG)
     except DeviceError as error:
-        typer.echo(f"davpc: {error}", err=True)
-        sys.exit(EXIT_DEVICE)
+        code = _fail(str(error), EXIT_DEVICE)
+    except OSError as error:  # a disk that is full, broken or read-only
+        code = _fail(f"{error.filename or 'output'}: cannot be written or read: {error.strerror}", EXIT_CONFIG)
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter fails at it once more
+        code = _fail(f"output: cannot be written: {error.strerror}", EXIT_CONFIG)
+    sys.exit(code)
+
+
+def _fail(text: str, code: int) -> int:
+    """The one line of a failure; the exit code."""
+    with suppress(OSError):
+        typer.echo(f"davpc: {text}", err=True)
+    return code
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -74,16 +75,21 @@ def replace_file(path: Path, content: str) -> None:
     """Write a new file beside it, flush it to disk, rename it over the old one.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: it cannot be written; the old file is as it was, and ``filename`` names it.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f".{path.name}.new")
-    with beside.open("w", encoding="utf-8") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    beside.rename(path)
-    _flush_folder(path.parent)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with beside.open("w", encoding="utf-8") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.rename(path)
+        _flush_folder(path.parent)
+    except OSError as error:
+        with suppress(OSError):
+            beside.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def _append(path: Path, line: str) -> None:
@@ -124,7 +130,7 @@ def state_directory(configured: str, runtime: Path) -> Path:
 def write_json(path: Path, content: dict[str, Any]) -> dict[str, Any]:
     """Write ``content`` as strict JSON, with null for NaN and infinity; returns what a reader of the file gets."""
     text = json.dumps(_json_ready(content), indent=1, ensure_ascii=False, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    replace_file(path, text + "\n")
     written: dict[str, Any] = json.loads(text)
     return written
 

@@ -16,8 +16,8 @@ from common.frames.ring import Image
 from common.frames.source import Capture
 from common.node import Inbox, NodeContext, Trigger
 from common.timing import NS_PER_S
+from follower.camera.image_file import IMAGE_SUFFIXES, depth_of, images_in, read_grey
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
 _log = logging.getLogger("follower-camera")
 
 
@@ -37,6 +37,7 @@ class ReplaySource:
         self.trigger = Trigger(period_ns=self._period_ns)
         self._files: list[Path] = []
         self._taken = 0
+        self._full_scale = 65535
         self._video: cv2.VideoCapture | None = None
         self._due_ns: int | None = None
 
@@ -50,10 +51,11 @@ class ReplaySource:
         if not self._camera.device:
             raise DeviceError("camera.device: name a folder of images or a video file to replay")
         if self._path.is_dir():
-            images = [path for path in self._path.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
+            images = images_in(self._path)
             self._files = sorted(images, key=_by_number)[self._taken :]
             if not images:
                 raise DeviceError(f"{self._path}: no images ({', '.join(IMAGE_SUFFIXES)}) in this folder")
+            self._full_scale = self._scale()
             return
         video = cv2.VideoCapture(str(self._path)) if self._path.is_file() else None
         if video is None or not video.isOpened():
@@ -106,19 +108,17 @@ class ReplaySource:
             return None
         path = self._files.pop(0)
         self._taken += 1
-        grey = read_grey(path)
+        grey = read_grey(path, self._full_scale)
         if grey is None:
-            raise DeviceError(f"{path}: not an image that OpenCV can read")
+            raise DeviceError(f"{path}: truncated, or not an image that OpenCV can read")
         return path, grey
 
-
-def read_grey(path: Path) -> Image | None:
-    """An image file in grey; None if OpenCV cannot read it, which it reports in two ways."""
-    try:
-        grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    except cv2.error:  # larger than it takes
-        return None
-    return None if grey is None else np.asarray(grey, np.uint8)
+    def _scale(self) -> int:
+        """Full scale of files of 16 bits: sensors of 10 to 14 bits often leave the upper ones empty."""
+        bits = depth_of(self._files)
+        if 8 < bits < 16:
+            _log.warning("%s: the images of 16 bits use %d of them; scaled as %d bits", self._path, bits, bits)
+        return (1 << max(bits, 8)) - 1 if bits > 8 else 65535
 
 
 def _by_number(path: Path) -> list[tuple[int, str]]:

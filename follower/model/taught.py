@@ -17,6 +17,7 @@ from pydantic import Field
 from common.config import CameraConfig, Config, Coordinate, NonNegative, Section, validate
 from common.errors import ConfigError
 from common.files.parsing import UnreadableError, parse_json, read_text
+from common.files.writer import replace_file
 from common.geometry import Array, Pose2
 from follower.model.taught_geometry import TaughtGeometry, corrected
 
@@ -82,7 +83,7 @@ def taught_name(trolley: int) -> str:
 def save(taught: Taught, path: Path) -> None:
     """Write it as JSON."""
     table = {"schema": _SCHEMA, **asdict(taught), "features": taught.features.tolist()}
-    path.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+    replace_file(path, json.dumps(table, indent=1) + "\n")
 
 
 def load(path: Path, camera: CameraConfig) -> Taught:

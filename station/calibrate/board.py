@@ -68,6 +68,23 @@ def find_corners(image: Image, board: Board) -> Array | None:
     return np.asarray(refined, dtype=np.float64).reshape(-1, 2)
 
 
+def counted_otherwise(image: Image, board: Board) -> str:
+    """What to say of an image in which the board is found once its squares are not taken for its corners; "" if not.
+
+    Args:
+        image: (height, width) grey, in which the board is not found.
+        board: what was looked for.
+    """
+    for fewer, lower in ((1, 1), (1, 0), (0, 1)):
+        columns, rows = board.columns - fewer, board.rows - lower
+        if min(columns, rows) > 2 and find_corners(image, Board(columns, rows, board.square_m)) is not None:
+            return (
+                f"shows a board of {columns}x{rows} inner corners, not of {board.columns}x{board.rows}: does --board "
+                f"count inner corners? a board of {columns + 1}x{rows + 1} squares has {columns}x{rows}"
+            )
+    return ""
+
+
 def covered_cells(views: Sequence[Array], size: Size) -> NDArray[np.bool_]:
     """Which cells (6, 6) of an image of (width, height), from the top left, have seen a corner."""
     cells = np.zeros((_GRID, _GRID), dtype=np.bool_)

@@ -17,8 +17,8 @@ from common.config import Config, default_config_path
 from common.errors import ConfigError
 from common.geometry import Array, Pose2
 from follower.camera.calibration_file import age_days, stored
-from follower.camera.replay import read_grey
-from station.calibrate.board import Board, coverage_of, find_corners
+from follower.camera.image_file import IMAGE_SUFFIXES, depth_of, images_in, read_grey
+from station.calibrate.board import Board, counted_otherwise, coverage_of, find_corners
 from station.calibrate.frames import measured, open_frames, valid_states
 from station.calibrate.lens import KINDS, CalibrationError, calibrate_camera
 from station.calibrate.lens_file import differences, store
@@ -173,14 +173,15 @@ def _photographed(folder: Path, kind: Board) -> tuple[list[Array], tuple[int, in
     """Corners of every image of the folder that shows the whole board, and the images' size."""
     if not folder.is_dir():
         raise ConfigError(f"{folder}: no such folder: name the one that holds the images")
-    paths = sorted(path for path in folder.glob("*") if path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp"))
+    paths = sorted(images_in(folder))
     if not paths:
-        raise ConfigError(f"{folder}: no images (png, jpg, bmp) here")
+        raise ConfigError(f"{folder}: no images ({', '.join(IMAGE_SUFFIXES)}) here")
+    full_scale = (1 << max(depth_of(paths), 8)) - 1
     views, size = list[Array](), (0, 0)
     for path in paths:
-        image = read_grey(path)
+        image = read_grey(path, full_scale)
         if image is None:
-            raise ConfigError(f"{path}: not an image")
+            raise ConfigError(f"{path}: truncated, or not an image")
         if size not in ((0, 0), (image.shape[1], image.shape[0])):
             raise ConfigError(f"{path}: {image.shape[1]}×{image.shape[0]} px, the others {size[0]}×{size[1]}")
         size = (image.shape[1], image.shape[0])
@@ -188,4 +189,8 @@ def _photographed(folder: Path, kind: Board) -> tuple[list[Array], tuple[int, in
         typer.echo(f"{path.name}: {'board found' if corners is not None else 'no whole board, left out'}")
         if corners is not None:
             views.append(corners)
+        elif not views:
+            other = counted_otherwise(image, kind)
+            if other:
+                raise ConfigError(f"{path}: {other}")
     return views, size

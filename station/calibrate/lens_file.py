@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from common.config import CameraConfig
+from common.files.writer import replace_file
 from follower.camera.calibration_file import StoredCalibration, unlike
 from station.calibrate.board import Size
 from station.calibrate.lens import Calibration, holds
@@ -40,7 +41,7 @@ def store(calibration: Calibration, camera: str, made: str, size: Size, path: Pa
         f"coefficients = {list(lens.coefficients)!r}",
         "",
     ]
-    path.write_text("\n".join(lines), encoding="utf-8")
+    replace_file(path, "\n".join(lines))
 
 
 def differences(calibration: StoredCalibration, camera: CameraConfig) -> list[str]:

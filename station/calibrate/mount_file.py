@@ -17,6 +17,7 @@ from pydantic import Field
 from common.config import Coordinate, Section, validate
 from common.errors import ConfigError
 from common.files.parsing import UnreadableError, parse_json, read_text
+from common.files.writer import replace_file
 from common.geometry import Pose2
 from station.calibrate.mount import MountView
 
@@ -60,7 +61,7 @@ def save_views(views: Sequence[MountView], path: Path) -> None:
         }
         for view in views
     ]
-    path.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+    replace_file(path, json.dumps(table, indent=1) + "\n")
 
 
 def _view(stored: _StoredView) -> MountView:

@@ -149,7 +149,7 @@ def usb_speed_mbit_s(camera: CameraConfig) -> float:
         DeviceError: there is no such USB device.
     """
     if camera.driver == "v4l2":
-        node = _VIDEO / Path(camera.device or "/dev/video0").name / "device"
+        node = _VIDEO / Path(camera.device or "/dev/video0").resolve().name / "device"
         folders = [folder for folder in (node.resolve(), *node.resolve().parents) if (folder / "speed").is_file()]
     else:
         vendors = _USB.glob("*/idVendor")

@@ -11,7 +11,8 @@ import pytest
 from common.config import Config
 from common.errors import DeviceError
 from common.timing import NS_PER_S
-from follower.camera.replay import ReplaySource, read_grey
+from follower.camera.image_file import read_grey
+from follower.camera.replay import ReplaySource
 from tests.contract.camera_rigs import (
     HEIGHT,
     NOW_NS,
