@@ -113,7 +113,7 @@ def _sections(text: str) -> dict[str, _Keys]:
     """Sections and keys in lower case; lines that are neither are passed over, the last of two values counts."""
     found: dict[str, _Keys] = {}
     current: _Keys = {}
-    for raw in text.splitlines():
+    for raw in re.split(r"\r\n|\r|\n", text):
         line = raw.strip().strip("\0")
         if line.startswith("["):
             name = line[1:].partition("]")[0].strip().lower()

@@ -231,7 +231,7 @@ def versions() -> dict[str, str]:
 def _cpu() -> str:
     """The processor's model: numerical libraries choose their code by it, and the last bit with it."""
     try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").split("\n")
     except OSError:
         lines = []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
