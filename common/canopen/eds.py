@@ -1,7 +1,7 @@
 """EDS and DCF files as makers write them (CiA 306), read object by object: a flaw refuses only what it spoils.
 
 The library's reader takes a file by the caller's locale and refuses it whole for one odd line. Here the text is read
-line by line, each object that can be understood is written anew in the strict form, and the library reads that.
+line by line, each object that can be understood is written again in the strict form, and the library reads that.
 """
 
 from __future__ import annotations
