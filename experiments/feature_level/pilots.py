@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import astuple
 
 import numpy as np
 
@@ -17,10 +18,11 @@ from experiments.feature_level.scenes import NOISE_THETA_RAD
 from experiments.feature_level.start_fit import fit_start
 from experiments.feature_level.task import FRAME_S, Insight, Pilot, SolverEndedError, Task, Twist
 from follower.controller import realtime
+from follower.controller.davpc import DavpcMethod
+from follower.controller.docking import DockingController
 from follower.controller.interface import (
     FeatureController,
     FeatureState,
-    MotionState,
     Plan,
     PlanStatus,
     PoseController,
@@ -49,6 +51,17 @@ class ObservedPose:
         return self._now_ns is not None
 
     @property
+    def time_ns(self) -> int:
+        """Of the newest frame."""
+        assert self._now_ns is not None
+        return self._now_ns
+
+    @property
+    def pose(self) -> Pose2:
+        """At the newest frame."""
+        return self._observer.pose
+
+    @property
     def disturbance(self) -> MotionDisturbance:
         """As estimated."""
         return self._observer.disturbance
@@ -68,36 +81,36 @@ class ObservedPose:
 
     def at_effect(self, wheels: Twist) -> Pose2:
         """The pose when a command of now takes effect."""
-        assert self._now_ns is not None
-        effect_ns = self._now_ns + round(self._task.config.base.latency_ms * NS_PER_MS)
+        effect_ns = self.time_ns + round(self._task.config.base.latency_ms * NS_PER_MS)
         return self._observer.pose_at(effect_ns, *wheels)
 
 
 class DavpcPilot:
-    """The default method: disturbance-aware observer and real-time predictive control on the filtered pose."""
+    """The default method as the robot runs it: its observer, its loop and its real-time controller.
+
+    In place of perception stands a fit of the first frame, and θ as the paper simulates it.
+    """
 
     def __init__(self, task: Task, controller: PoseController) -> None:
         self.insight = Insight()
-        self._task, self._controller = task, controller
-        self._observed = ObservedPose(task)
-        self._replay = PlanReplay()
+        self._task, self._observed = task, ObservedPose(task)
+        self._loop = DockingController(task.config, DavpcMethod(task.config, controller))
         controller.reset()
 
     def see(self, measurement: FrameMeasurement, wheels: Twist, applied: Twist) -> None:  # noqa: ARG002
         """Hand the frame to the observer."""
         self._observed.see(measurement, wheels)
 
-    def command(self, wheels: Twist, applied: Twist) -> Twist:
-        """Plan from the pose at which the command takes effect."""
-        task, disturbance = self._task, self._observed.disturbance
-        state = MotionState(self._observed.at_effect(wheels), disturbance, wheels)
-        plan = self._controller.solve(state, task.servo_goal, applied, task.caps)
-        self.insight.disturbance = np.array(
-            [disturbance.gain, disturbance.turn_gain, disturbance.yaw_rad_s, disturbance.sideways_m_s]
-        )
+    def command(self, wheels: Twist, applied: Twist) -> Twist:  # noqa: ARG002 - the loop keeps what it commanded
+        """One step of the robot's control loop."""
+        observed, disturbance = self._observed, astuple(self._observed.disturbance)
+        state = self._task.docking_state(observed.time_ns, observed.pose, disturbance)
+        twist = self._loop.step(observed.time_ns, state, self._task.mission, wheels)
+        self._loop.commit(twist)
+        self.insight.disturbance = np.array(disturbance)
         self.insight.solves += 1
-        self.insight.failures += not plan.usable
-        return _driven(self._replay, plan)
+        self.insight.failures += twist.source != DavpcMethod.source
+        return twist.v_m_s, twist.w_rad_s
 
 
 class PaperPilot:

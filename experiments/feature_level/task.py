@@ -10,6 +10,7 @@ import numpy as np
 
 from common.config import Config
 from common.geometry import Array, Pose2, features_at
+from common.messages import DockingState, Mission
 from experiments.feature_level.feature_world import FrameMeasurement
 from experiments.feature_level.scenes import FRAME_RATE_HZ, NOISE_PX
 from follower.controller.interface import Goal, SpeedCaps
@@ -65,6 +66,58 @@ class Task:
         """The configured limits."""
         limits = self.config.limits
         return SpeedCaps(v_min_m_s=limits.v_min_m_s, v_max_m_s=limits.v_max_m_s, w_max_rad_s=limits.w_max_rad_s)
+
+    @cached_property
+    def mission(self) -> Mission:
+        """Orders of an approach at the configured limits, as the supervisor gives them."""
+        limits = self.config.limits
+        return Mission(
+            phase="approach",
+            cause="",
+            trolley=1,
+            epoch=1,
+            armed=True,
+            motion="servo",
+            straight_speed_m_s=0.0,
+            v_max_m_s=limits.v_max_m_s,
+            w_max_rad_s=limits.w_max_rad_s,
+            goal_theta_rad=self.goal_leader_in_follower.theta_rad,
+            desired_features=tuple((float(a), float(b)) for a, b in self.desired),
+            grip="closed",
+            contact_expected=False,
+            resets=0,
+        )
+
+    def docking_state(self, now_ns: int, pose: Pose2, disturbance: tuple[float, float, float, float]) -> DockingState:
+        """A valid state of the frame taken now, as the estimator publishes it.
+
+        Args:
+            now_ns: of the exposure.
+            pose: filtered, of {L} in {F}.
+            disturbance: speed gain, turn gain, yaw [rad/s], sideways [m/s].
+        """
+        count = len(self.points_l)
+        return DockingState(
+            frame_sequence=0,
+            capture_ns=now_ns,
+            valid=True,
+            cause="ok",
+            leds_seen=count,
+            features=(None,) * count,
+            features_filtered=(),
+            theta_homography_rad=None,
+            x_m=pose.x_m,
+            y_m=pose.y_m,
+            theta_rad=pose.theta_rad,
+            covariance=(0.0,) * 9,
+            disturbance=disturbance,
+            fit=None,
+            fit_covariance=None,
+            residual_px=0.0,
+            spots=count,
+            frames_seen=0,
+            frames_dropped=0,
+        )
 
 
 class SolverEndedError(Exception):

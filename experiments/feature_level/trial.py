@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from pydantic import ValidationError
 
 from common.config import Config
 from common.docking_errors import paper_errors
@@ -140,7 +141,7 @@ def _steered(world: World, pilot: Pilot, now_ns: int, applied: Twist, due: bool)
     try:
         pilot.see(world.measure(now_ns), world.wheels, applied)
         wanted = pilot.command(world.wheels, applied) if due else applied
-    except (np.linalg.LinAlgError, FloatingPointError):
+    except (np.linalg.LinAlgError, FloatingPointError, ValidationError):
         return applied, "diverged"
     except SolverEndedError:
         return applied, "time_limit"
