@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -26,20 +26,20 @@ def record(
     out: Annotated[Path, typer.Option(callback=writable, help="file to write")],
     seconds: Annotated[float, typer.Option(min=1.0, max=7200.0, help="how long; Ctrl-C ends it before")] = 600.0,
     frames: Annotated[
-        bool, typer.Option("--frames-all", help="every frame too, without loss: 25 MB a second")
-    ] = False,
+        Literal["pictures", "all"], typer.Option(help="all: every frame too, without loss, 25 MB a second")
+    ] = "pictures",
     runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,
 ) -> None:
     """Record the robot that runs here, beside what it records of dockings. `davpc record --out now.mcap`"""
-    settings, folder = loaded(config, overrides), running_robot(runtime)
+    settings, folder, lossless = loaded(config, overrides), running_robot(runtime), frames == "all"
     chosen = settings.recorder
     try:
-        files = RecordingFiles(out, settings, {"source": "davpc record"}, lossless=frames, views=chosen.views)
+        files = RecordingFiles(out, settings, {"source": "davpc record"}, lossless=lossless, views=chosen.views)
     except OSError as error:
         raise DeviceError(f"{out}: cannot be written: {error.strerror}") from error
-    pictures = FramePictures(folder, chosen.pictures_hz, chosen.picture_quality, lossless=frames)
+    pictures = FramePictures(folder, chosen.pictures_hz, chosen.picture_quality, lossless=lossless)
     with (
         interruptible() as interrupted,
         closing(LiveRecording(files, pictures)) as live,
@@ -51,5 +51,5 @@ def record(
             link.pause(_LOOK_S)
     if live.fault:
         raise DeviceError(f"the recording ends early: {live.fault}")
-    written = [out, *([frames_path(out)] if frames else [])]
+    written = [out, *([frames_path(out)] if lossless else [])]
     typer.echo(f"written: {', '.join(map(str, written))}; {live.dropped} messages dropped")

@@ -40,8 +40,8 @@ def running_robot(runtime: Path | None) -> Path:
         raise DeviceError(f"{runtime}: no robot runs here")
     if any(ROBOT.glob("*.sock")):
         return ROBOT
-    parents = dict.fromkeys((Path("/dev/shm"), Path("/run/shm"), Path(tempfile.gettempdir())))
-    found = [path for parent in parents for path in parent.glob(_SIMULATED) if _in_use(path)]
+    parents = {path.resolve() for path in (Path("/dev/shm"), Path("/run/shm"), Path(tempfile.gettempdir()))}
+    found = [path for parent in sorted(parents) for path in parent.glob(_SIMULATED) if _in_use(path)]
     if not found:
         raise DeviceError("no robot runs here: start one (davpc sim), or name its folder with --runtime")
     if len(found) > 1:

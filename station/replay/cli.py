@@ -59,7 +59,7 @@ def replay(
         return
     cores = names(core, tuple(CORES), "core")
     if not core and not recording.frames.there:
-        typer.echo("estimator: left out, the frames are not recorded (davpc sim --frames-all)")
+        typer.echo("estimator: left out, the frames are not recorded (davpc sim --frames all)")
         cores = tuple(name for name in cores if name != "estimator")
     # a recorded state holds the settings that it was recorded with
     if not _identical(recording, cores, config, fresh=fresh or bool(changes)):
@@ -97,7 +97,7 @@ def _publish(recording: Recording, runtime: Path, speed: float) -> None:
 def _compare(recording: Recording, config: Config, label: str, out: Path) -> None:
     traces = side_by_side(recording, config, default_config_path())
     if not recording.frames.there:
-        typer.echo("the estimator is left out: the frames are not recorded (davpc sim --frames-all)")
+        typer.echo("the estimator is left out: the frames are not recorded (davpc sim --frames all)")
     table = as_table(traces)
     (out / "replay.md").write_text(table, encoding="utf-8")
     write_json(out / "results.json", {"file": str(recording.path), "other": label, "rows": [t.row() for t in traces]})

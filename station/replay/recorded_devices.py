@@ -86,7 +86,7 @@ class RecordedWatch:
             raise DivergedError(
                 f"frame {frame.sequence} is not recorded"
                 if self._frames.there
-                else 'the frames are not recorded: record with --frames-all, or recorder.frames = "all"'
+                else 'the frames are not recorded: record with --frames all, or recorder.frames = "all"'
             )
         return image
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -51,8 +51,9 @@ def sim(
     ] = None,
     record: Annotated[bool, typer.Option("--record", help="leave run.mcap in --out, for davpc replay")] = False,
     frames: Annotated[
-        bool, typer.Option("--frames-all", help="with --record: every frame without loss, about 1 GB a docking")
-    ] = False,
+        Literal["pictures", "all"],
+        typer.Option(help="all: leave run.mcap and every frame without loss, 25 MB a second"),
+    ] = "pictures",
     out: Annotated[Path, typer.Option(help="folder for results.json, pictures and logs")] = Path("out/sim"),
     config: ConfigOption = None,
     overrides: SetOption = None,
@@ -61,7 +62,14 @@ def sim(
     draw = _drawing(required=attach is None)
     console = Console(force_terminal=False if headless else None, highlight=False)
     chosen = [*(overrides or []), *_world_overrides(seed, start, scene)]
-    run = Run(config or default_config_path(), chosen, out, trolleys, record=record or frames, frames=frames)
+    run = Run(
+        config or default_config_path(),
+        chosen,
+        out,
+        trolleys,
+        record=record or frames == "all",
+        frames=frames == "all",
+    )
     world = run.world
     x_m, y_m, theta_deg = world.start
     console.print(
