@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -39,6 +39,9 @@ RuntimeOption = Annotated[
     typer.Option(
         "--runtime", help="folder of the running robot's sockets and frames", show_default="the robot that runs here"
     ),
+]
+FramesOption = Annotated[
+    Literal["pictures", "all"], typer.Option(help="all: keep every frame too, without loss, 25 MB a second")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="one JSON object for programs")]
 

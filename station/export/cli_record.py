@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -15,7 +15,7 @@ from common.recording.run import FramePictures, frames_path
 from common.timing import NS_PER_S
 from station.interrupts import interruptible
 from station.operate.link import RobotLink, running_robot
-from station.options import ConfigOption, RuntimeOption, SetOption, loaded, writable
+from station.options import ConfigOption, FramesOption, RuntimeOption, SetOption, loaded, writable
 
 record_app = typer.Typer()
 _LOOK_S = 0.2
@@ -25,9 +25,7 @@ _LOOK_S = 0.2
 def record(
     out: Annotated[Path, typer.Option(callback=writable, help="file to write")],
     seconds: Annotated[float, typer.Option(min=1.0, max=7200.0, help="how long; Ctrl-C ends it before")] = 600.0,
-    frames: Annotated[
-        Literal["pictures", "all"], typer.Option(help="all: every frame too, without loss, 25 MB a second")
-    ] = "pictures",
+    frames: FramesOption = "pictures",
     runtime: RuntimeOption = None,
     config: ConfigOption = None,
     overrides: SetOption = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -14,7 +14,8 @@ from common.config import default_config_path
 from common.errors import ConfigError
 from common.processes import ONE_MACHINE, PROCESSES
 from sim.optics.scenes import SCENES
-from station.options import ConfigOption, SetOption, numbers
+from sim.world_config import WorldConfig
+from station.options import ConfigOption, FramesOption, SetOption, numbers
 from station.simulate import report
 from station.simulate.processes import run_attached, run_processes
 from station.simulate.progress import live_progress
@@ -50,10 +51,7 @@ def sim(
         Path | None, typer.Option(help="folder of a Follower's sockets: dock with the processes that run there")
     ] = None,
     record: Annotated[bool, typer.Option("--record", help="leave run.mcap in --out, for davpc replay")] = False,
-    frames: Annotated[
-        Literal["pictures", "all"],
-        typer.Option(help="all: leave run.mcap and every frame without loss, 25 MB a second"),
-    ] = "pictures",
+    frames: FramesOption = "pictures",
     out: Annotated[Path, typer.Option(help="folder for results.json, pictures and logs")] = Path("out/sim"),
     config: ConfigOption = None,
     overrides: SetOption = None,
@@ -81,7 +79,20 @@ def sim(
             done = run_attached(run, attach)
         else:
             done = run_stepped(run) if stepped else run_processes(run)
-    settings = {
+    results = report.write_results(
+        done.records, done.cause, done.memory_mb, _settings(world, stepped, trolleys, overrides), out
+    )
+    drawn = draw(done.records, out)
+    report.print_results(results, console)
+    written = [out / "results.json", *drawn, *sorted(out.glob("run*.mcap"))]
+    console.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)
+    if not results["connected"]:
+        raise typer.Exit(EXIT_NOT_DOCKED)
+
+
+def _settings(world: WorldConfig, stepped: bool, trolleys: int, overrides: list[str] | None) -> dict[str, Any]:
+    """What was run, for the results."""
+    return {
         "seed": world.seed,
         "start": list(world.start),
         "scene": world.scene,
@@ -89,13 +100,6 @@ def sim(
         "trolleys": trolleys,
         "overrides": overrides or [],
     }
-    results = report.write_results(done.records, done.cause, done.memory_mb, settings, out)
-    drawn = draw(done.records, out)
-    report.print_results(results, console)
-    written = [out / "results.json", *drawn, *sorted(out.glob("run*.mcap"))]
-    console.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)
-    if not results["connected"]:
-        raise typer.Exit(EXIT_NOT_DOCKED)
 
 
 def _world_overrides(seed: int | None, start: str | None, scene: str | None) -> list[str]:
