@@ -129,8 +129,7 @@ class Axis:
         node.expect(0x6076, 0, rated, "rated torque in mN·m")
         for number, objects in enumerate(self.transmit_pdos(), start=1):
             node.map_transmit_pdo(number, objects)
-        target = self._target_object()
-        node.map_receive_pdo(1, (CONTROLWORD, target) if target is not None else (CONTROLWORD,))
+        node.map_receive_pdo(1, self.receive_pdo())
         self._set_status(node.read(0x6041))
         self._set_position(node.read(0x6064))
 
@@ -139,6 +138,11 @@ class Axis:
         node.write(0x6060, 0, int(Mode.HOMING))
         if not node.read(0x6041) & STATUS_HOMING_ATTAINED:
             raise DeviceError(f"node {self.node_id} ({self.name}): not homed: run davpc can home, with the arms free")
+
+    def receive_pdo(self) -> tuple[MappedObject, ...]:
+        """Mapping of the RPDO: the controlword, and the set-point of this mode."""
+        target = self._target_object()
+        return (CONTROLWORD,) if target is None else (CONTROLWORD, target)
 
     def transmit_pdos(self) -> tuple[tuple[MappedObject, ...], ...]:
         """Mapping of the TPDOs: what the axis measures in this mode."""

@@ -70,6 +70,8 @@ def calibrate_lens(
         error_px = found.held_out_px.get(kind)
         text = "does not fit over the whole image" if error_px is None else f"{error_px:.3f} px on corners left out"
         typer.echo(f"{kind:10s} {text}{'  ← chosen' if kind == found.kind else ''}")
+    if found.doubt:
+        typer.echo(f"warning: {found.doubt}", err=True)
     store(found, camera, datetime.now(UTC).date().isoformat(), size, out)
     typer.echo(f"rms {found.rms_px:.3f} px; put the table lens of {out} in place of camera.lens in robots.toml")
 

@@ -26,6 +26,9 @@ KINDS: tuple[Kind, ...] = ("rational", "polynomial", "fisheye")
 _FOLDS = 4
 _FIELDS_OF_VIEW_RAD = np.radians([115.0, 60.0, 85.0, 135.0])
 _GOOD_PX = 0.4
+_LEAST_SPREAD_RAD = np.radians(5.0)
+_MOST_ASPECT = 0.01
+_MOST_COEFFICIENT = 1e4  # of LensConfig: a fit beyond it has diverged
 _FISHEYE_FLAGS = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW | cv2.CALIB_USE_INTRINSIC_GUESS
 _RATIONAL_FLAGS = cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_USE_INTRINSIC_GUESS
 _POLYNOMIAL_FLAGS = _RATIONAL_FLAGS | cv2.CALIB_FIX_K4 | cv2.CALIB_FIX_K5 | cv2.CALIB_FIX_K6
@@ -56,6 +59,14 @@ class Calibration:
     views: int
 
     @property
+    def doubt(self) -> str:
+        """What to check although the lens fits; "" if nothing."""
+        aspect = self.lens.fx_px / self.lens.fy_px - 1.0
+        if abs(aspect) <= _MOST_ASPECT:
+            return ""
+        return f"fx and fy differ by {100 * abs(aspect):.1f} %: is the board printed in proportion?"
+
+    @property
     def kind(self) -> Kind:
         """The chosen kind."""
         return min(self.held_out_px, key=lambda kind: self.held_out_px[kind])
@@ -70,7 +81,7 @@ def calibrate_camera(views: Sequence[Array], board: Board, size: Size) -> Calibr
         size: (width, height) of the images [px].
 
     Raises:
-        CalibrationError: too few views, regions without corners, or no kind fits.
+        CalibrationError: too few views, regions without corners, boards that are not tilted, or no kind fits.
     """
     missing = lacking(views, size)
     if missing:
@@ -92,7 +103,33 @@ def calibrate_camera(views: Sequence[Array], board: Board, size: Size) -> Calibr
         )
     best = min(held_out, key=lambda kind: held_out[kind])
     lens, rms_px = fitted[best]
+    turned_rad = board_spread_rad(lens, views, board)
+    if turned_rad < _LEAST_SPREAD_RAD:
+        raise CalibrationError(
+            f"the boards are not tilted (their directions differ by {np.degrees(turned_rad):.1f}° rms, "
+            f"{np.degrees(_LEAST_SPREAD_RAD):.0f}° are needed): the focal length cannot be told from these views"
+        )
     return Calibration(lens, rms_px, held_out, coverage_of(views, size), len(views))
+
+
+def board_spread_rad(lens: LensConfig, views: Sequence[Array], board: Board) -> float:
+    """Rms angle [rad] of the boards' normals about their mean: boards that are parallel leave the focal length open.
+
+    Args:
+        lens: as fitted; the angles of parallel boards are small with a wrong focal length too.
+        views: corners (n, 2) [px] of each image.
+        board: what was photographed.
+    """
+    normals = []
+    for corners in views:
+        found, turn, _ = cv2.solvePnP(board.points(), rays(lens, corners), np.eye(3), np.zeros(0))
+        if found:
+            normals.append(np.asarray(cv2.Rodrigues(turn)[0], np.float64)[:, 2])
+    if not normals:
+        return 0.0
+    mean = np.mean(normals, axis=0)
+    cosines = np.array(normals) @ (mean / max(float(np.linalg.norm(mean)), 1e-9))
+    return float(np.sqrt(np.mean(np.arccos(np.clip(cosines, -1.0, 1.0)) ** 2)))
 
 
 def fit_lens(kind: Kind, views: Sequence[Array], board: Board, size: Size) -> tuple[LensConfig, float] | None:
@@ -204,6 +241,8 @@ def _fit_from(
         return None  # this first guess leads nowhere; others may
     matrix, bent = np.asarray(raw_matrix, np.float64), np.asarray(raw_bent, np.float64).ravel()
     if not np.isfinite([*matrix.ravel(), *bent, rms]).all() or matrix[0, 0] <= 0.0 or matrix[1, 1] <= 0.0:
+        return None
+    if np.abs(bent).max() > _MOST_COEFFICIENT:
         return None
     return _lens(kind, matrix, bent), float(rms)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -18,9 +20,10 @@ from common.timing import MonotonicClock
 from follower.can_bridge.measurement import BusMeasurement
 from station.commission.can_tools import Monitor, NodeRow, follower_names
 from station.commission.can_tools import scan as ask
+from station.commission.eds_check import refusal
 from station.commission.enable_test import EnableTest
 from station.commission.homing import Homing
-from station.options import ConfigOption, SetOption, loaded
+from station.options import ConfigOption, JsonOption, SetOption, loaded
 
 can = typer.Typer(no_args_is_help=True, help="Look at a CAN bus and test its axes. `davpc can scan`")
 
@@ -43,6 +46,25 @@ def scan(
         typer.echo(f"{node.node_id:4d}  {node.profile:7s}  {identity}  {node.state:15s}  {node.name or 'unknown'}")
     if not found:
         raise DeviceError(f"CAN bus {bus}: no node answers; power, termination, bitrate?")
+
+
+@can.command("check-eds", epilog="Example:  davpc can check-eds drives/*.eds")
+def check_eds(
+    files: Annotated[list[Path], typer.Argument(help="EDS or DCF files of drives")],
+    json_output: JsonOption = False,
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Say, without a bus, whether davpc can drive such devices, and what is missing. Exit code 1 if one it cannot."""
+    robots = loaded(config, overrides)
+    reports = [report for file in files for report in refusal(file, robots)]
+    if json_output:
+        typer.echo(json.dumps([asdict(report) for report in reports]))
+    else:
+        for report in reports:
+            typer.echo(f"{report.file:32s} {report.use:15s} {'; '.join(report.missing) or 'ok'}")
+    if any(report.missing for report in reports):
+        raise typer.Exit(1)
 
 
 @can.command(epilog="Example:  davpc can monitor --seconds 60")

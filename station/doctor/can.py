@@ -129,6 +129,16 @@ def _ask(bus: CanBus, expected: ExpectedNode) -> NodeReport:
     return NodeReport(expected.label, unset=tuple(unset), refused=tuple(refused))
 
 
+def check_files(missing: ProbeResult[list[str]]) -> Finding:
+    """Whether the EDS of drives and I/O modules have what bring-up needs."""
+    if missing.value is None:
+        return failed("EDS", missing.why, "drive_eds, io_eds: the files that the makers give for these devices")
+    if missing.value:
+        more = f" (and {len(missing.value) - 1} more)" if len(missing.value) > 1 else ""
+        return failed("EDS", f"{missing.value[0]}{more}", "davpc can check-eds FILE shows all of it")
+    return ok("EDS", "describe all that bring-up needs")
+
+
 def check_nodes(robot: str, probed: ProbeResult[list[NodeReport] | None]) -> Finding:
     """Whether every configured node answers and is what it should be."""
     check = f"CAN nodes {robot}"

@@ -20,6 +20,7 @@ from follower.camera.calibration_file import StoredCalibration, stored
 from follower.model.taught import taught_geometry
 from gateway.access import Robot, robot_access
 from gateway.credentials import check_credentials, credentials_folder
+from station.commission.eds_check import missing_objects
 from station.doctor import can as doctor_can
 from station.doctor import machine as doctor_machine
 from station.doctor import network as doctor_network
@@ -225,6 +226,10 @@ class RobotExamination:
 
     def _bus(self, robot: Robot) -> Iterator[Finding]:
         follower = robot == "follower"
+        if robot == self.examination.robots[0]:
+            yield doctor_can.check_files(
+                run_probe(partial(missing_objects, self.config, self.examination.path), _PROBE_S)
+            )
         can = self.config.follower_can if follower else self.config.leader_can
         yield doctor_can.check_interface(
             robot, can.bus, run_probe(partial(doctor_probes.can_link, can.bus.channel), _PROBE_S)

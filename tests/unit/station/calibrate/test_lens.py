@@ -14,7 +14,7 @@ from common.config import Config, LensConfig
 from common.errors import ConfigError
 from common.geometry import Array
 from follower.camera.calibration_file import age_days, stored
-from station.calibrate.board import Board, Coverage, coverage_of, find_corners
+from station.calibrate.board import Board, Coverage, counted_otherwise, coverage_of, find_corners
 from station.calibrate.lens import Calibration, CalibrationError, calibrate_camera, fit_lens, holds, project, rays
 from station.calibrate.lens_file import differences, store
 from tests.rigs.ideal_lens import Law, image_by_law
@@ -126,6 +126,44 @@ def test_boards_in_the_middle_alone_are_refused() -> None:
     inward = [centre + 0.6 * (view - centre) for view in views]
     with pytest.raises(CalibrationError, match=r"boards cover \d+% of the image, 55% are needed"):
         calibrate_camera(inward, BOARD, SIZE)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 20.0])
+def test_boards_that_are_parallel_to_one_another_are_refused(turn_deg: float) -> None:
+    views = _parallel_boards(np.radians(turn_deg), np.random.default_rng(3))
+    with pytest.raises(CalibrationError, match=r"boards are not tilted .*the focal length cannot be told"):
+        calibrate_camera(views, BOARD, SIZE)
+
+
+def _parallel_boards(turn_rad: float, noise: np.random.Generator) -> list[np.ndarray]:
+    """Views all over the image, from two distances, every board turned by the same angle."""
+    turn = cv2.Rodrigues(np.array([0.0, turn_rad, 0.0]))[0]
+    middle = BOARD.points().mean(axis=0)
+    found = []
+    for depth_m in (0.5, 0.8):
+        for column in np.linspace(140, 1140, 4):
+            for row in np.linspace(120, 900, 4):
+                shift = depth_m * np.array([(column - 640) / 500, (row - 512) / 500, 1.0])
+                points = (BOARD.points() - middle) @ turn.T + shift
+                view = points[:, :2] / points[:, 2:] * 500 + (640, 512)
+                found.append(view + noise.normal(0.0, 0.1, view.shape))
+    return [view for view in found if (view > 0).all() and (view < SIZE).all()]
+
+
+def test_a_board_printed_out_of_proportion_is_named() -> None:
+    lens = LensConfig(model="rational", fx_px=927.0, fy_px=900.0, cx_px=640.0, cy_px=512.0, coefficients=(0.0,) * 8)
+    assert "fx and fy differ by 3.0 %" in Calibration(lens, 0.1, {"rational": 0.1}, Coverage(0.8, ()), 20).doubt
+    square = lens.model_copy(update={"fx_px": 901.0})
+    assert not Calibration(square, 0.1, {"rational": 0.1}, Coverage(0.8, ()), 20).doubt
+
+
+def test_squares_taken_for_corners_are_named() -> None:
+    tile = np.kron(np.indices((7, 10)).sum(axis=0) % 2, np.ones((40, 40))) * 200 + 30
+    image = np.full((480, 640), 230, np.uint8)
+    image[80:360, 100:500] = tile.astype(np.uint8)
+    said = counted_otherwise(image, Board(10, 7, 0.025))
+    assert "a board of 10x7 squares has 9x6" in said
+    assert not counted_otherwise(np.zeros((480, 640), np.uint8), Board(10, 7, 0.025))
 
 
 def test_few_images_are_refused() -> None:
