@@ -56,7 +56,11 @@ def _validity(certificate: Path) -> tuple[float, float]:
 
 
 def _check_fit(authority: Path, certificate: Path, key: Path) -> None:
-    """The key is the certificate's, and the authority signed it."""
+    """The certificate is of its file's name, the key is its own, and the authority signed it."""
+    subject = _openssl("x509", "-noout", "-subject", "-nameopt", "RFC2253", "-in", str(certificate))
+    found = subject.strip().removeprefix("subject=")
+    if f"CN={certificate.stem}" not in found.split(","):
+        raise ConfigError(f"network.credentials: {certificate}: made for {found}, not for CN={certificate.stem}")
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password="")
     except (ssl.SSLError, ValueError) as error:

@@ -126,7 +126,7 @@ def main() -> None:
     except DeviceError as error:
         code = _fail(str(error), EXIT_DEVICE)
     except OSError as error:  # a disk that is full, broken or read-only
-        code = _fail(f"{error.filename or 'output'}: cannot be written or read: {error.strerror}", EXIT_CONFIG)
+        code = _fail(f"{error.filename or 'output'}: cannot be written: {error.strerror}", EXIT_CONFIG)
     try:
         sys.stdout.flush()
     except OSError as error:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -36,3 +38,24 @@ def test_a_mistyped_command_is_recognised() -> None:
 
 def test_the_version_is_shown() -> None:
     assert CliRunner().invoke(app, ["--version"]).output.startswith("davpc ")
+
+
+@pytest.mark.parametrize("name", ["wiring", "processes"])
+def test_a_terminal_without_a_character_shows_another_in_its_place(name: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "station.cli", name],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": "iso-8859-1", "PYTHONUTF8": "0"},
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert len(done.stdout) > 100
+
+
+@pytest.mark.parametrize("name", ["wiring", "processes"])
+def test_output_that_cannot_be_written_is_one_line(name: str) -> None:
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "station.cli", name], stdout=full, stderr=subprocess.PIPE, check=False
+        )
+    assert (done.returncode, done.stderr) == (2, b"davpc: output: cannot be written: No space left on device\n")
