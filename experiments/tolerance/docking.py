@@ -7,6 +7,7 @@ grippers and ends when the supervisor calls it arrived, or why not.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +34,7 @@ FRAME_HZ = 60
 FRAMES_PER_COMMAND = 3
 LONGEST_S = 240.0  # with all retries; the supervisor ends every approach much sooner
 _BEGUN = frozenset({"staging", "acquire", "search", "approach"})
+Watch = Callable[[int, DockingState, TrueRobot], None]
 _ARMS = ArmState(5.0, False, False, True, False)
 
 
@@ -172,7 +174,9 @@ class Robot:
 _NO_PIXELS: Image = np.zeros((1, 1), np.uint8)
 
 
-def dock(config: Config, taught: TaughtGeometry | None, trolley: int, world: TrueRobot) -> ApproachEnd:
+def dock(
+    config: Config, taught: TaughtGeometry | None, trolley: int, world: TrueRobot, watch: Watch | None = None
+) -> ApproachEnd:
     """Dock once.
 
     Args:
@@ -180,6 +184,7 @@ def dock(config: Config, taught: TaughtGeometry | None, trolley: int, world: Tru
         taught: what taught images make of it; None: nothing was taught.
         trolley: K.
         world: at its start.
+        watch: called after every frame with the time [ns], the robot's state and the world.
     """
     robot = Robot(config, taught, trolley)
     phase, frame = "idle", 0
@@ -189,6 +194,8 @@ def dock(config: Config, taught: TaughtGeometry | None, trolley: int, world: Tru
         command = robot.step(now_ns, world, now_ns)
         if command is not None:
             world.command(command)
+        if watch is not None and robot.state is not None:
+            watch(now_ns, robot.state, world)
         before, phase = phase, robot.sequence.phase
         if phase == "approach" and robot.state is not None:
             residuals.append(robot.state.residual_px)

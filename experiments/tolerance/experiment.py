@@ -1,8 +1,8 @@
 """``davpc experiment tolerance``: docked errors of robots that are not quite as configured.
 
 For each class of error, robots are drawn from its tolerances and dock once with each method: by geometry as
-configured, or by a geometry that a taught image corrected. All start and see the same. Beside it: what one millimetre
-costs, linearised and docked.
+configured, by a geometry that a taught image corrected, or by one calibrated from five drives. All start and see the
+same. Beside it: what one millimetre costs, linearised and docked.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from experiments.shared.results import row, write_results
 from experiments.tolerance import sensitivity
 from experiments.tolerance.docking import ApproachEnd
 from experiments.tolerance.plot import draw_tolerance
-from experiments.tolerance.robots import CLASSES, METHODS, NOT_AVAILABLE, RobotJob, dock_job
+from experiments.tolerance.robots import CLASSES, METHODS, RobotJob, dock_job
 from sim.truth import Truth
 
 PAPER = [{"case": "trolley 1, real robots", "e_y_cm": 1.69, "e_theta_deg": 0.84}]
@@ -57,14 +57,13 @@ def run(
     settings = {
         "robots": robots,
         "tolerances": {case: CLASSES[case].model_dump() for case in cases},
-        "not_available": list(NOT_AVAILABLE),
         "runs": [
             {"method": method, "case": case, **_kept(job, end)}
             for method, case, jobs, done in found
             for job, end in zip(jobs, done, strict=True)
         ],
     }
-    note = "Not available yet: " + ", ".join(NOT_AVAILABLE) + ". `noticed` is empty until something notices."
+    note = "`noticed` is empty until something notices."
     if sensitivities:
         table = _sensitivities(config, seed, workers)
         settings["sensitivities"] = [

@@ -9,10 +9,12 @@ from typing import Final
 
 import numpy as np
 
-from common.config import Config
+from common.config import Config, replaced
 from common.geometry import Pose2, pose_from_paper_start
 from experiments.tolerance.docking import ApproachEnd, dock
+from experiments.tolerance.drives import recorded_drives
 from experiments.tolerance.world import TrueRobot
+from follower.calibration.bundle import calibrate_robot
 from follower.estimator.lens import Lens
 from follower.model.taught_geometry import TaughtGeometry, corrected
 from sim.truth import Tolerances, Truth
@@ -74,12 +76,18 @@ def _as_taught(config: Config, world: TrueRobot, job: RobotJob) -> TaughtGeometr
     return corrected(config, {k: lens.to_normalised(world.seen_from(goal)) for k, goal in goals.items()})
 
 
+def _as_calibrated(config: Config, world: TrueRobot, job: RobotJob) -> TaughtGeometry:  # noqa: ARG001 - as the others
+    """Camera and LEDs from five recorded drives of this robot; its wheels stay as configured."""
+    found = calibrate_robot(recorded_drives(config, job.truth, [job.seed, job.number, 5]), config)
+    learned = replaced(config, camera=found.config.camera, leds=found.config.leds)
+    return TaughtGeometry(learned, {job.trolley: config.docking.goal(job.trolley)}, 0.0, 0.0)
+
+
 METHODS: Final[Mapping[str, Callable[[Config, TrueRobot, RobotJob], TaughtGeometry | None]]] = {
     "geometry": _as_configured,
     "taught": _as_taught,
+    "calibrated": _as_calibrated,
 }
-NOT_AVAILABLE: Final = ("calibrated",)
-"""Methods that the results will list; what learns the geometry from drives enters :data:`METHODS` under this name."""
 
 
 def start_of(job: RobotJob) -> Pose2:

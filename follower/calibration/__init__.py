@@ -1,0 +1,1 @@
+"""Self-calibration: camera, LEDs, wheels and latency from recorded approaches."""
