@@ -15,6 +15,7 @@ from rich.text import Text
 
 from common.config import Config, default_config_path
 from common.errors import ConfigError
+from common.files.writer import write_json
 from common.geometry import Array, Pose2
 from follower.camera.calibration_file import age_days, stored
 from follower.camera.image_file import IMAGE_SUFFIXES, depth_of, images_in, read_grey
@@ -25,6 +26,7 @@ from station.calibrate.lens_file import differences, store
 from station.calibrate.live_board import BoardCollector, collect
 from station.calibrate.mount import MountError, MountView, averaged, calibrate_mount, whole_tilt_rad
 from station.calibrate.mount_file import load_views, save_views
+from station.calibrate.robot import content, fitted, table
 from station.options import ConfigOption, RuntimeOption, SetOption, loaded, numbers, writable
 
 calibrate = typer.Typer(no_args_is_help=True, help="Calibrate lens and mounting. `davpc calibrate camera --live`")
@@ -136,6 +138,26 @@ def calibrate_mounting(
     spread = ", ".join(f"{1e3 * value:.1f}" for value in mount.sigma[:3])
     angles = ", ".join(f"{value:.3f}" for value in sigma)
     typer.echo(f"residual {mount.residual_px:.2f} px; standard deviations {spread} mm, {angles}°")
+
+
+@calibrate.command("robot", epilog="Example:  davpc calibrate robot drive-1.json drive-2.json drive-3.json")
+def robot(
+    drives: Annotated[list[Path], typer.Argument(help="recorded approaches, three or more, from different sides")],
+    out: Annotated[Path, typer.Option(help="file to write")] = Path("robot-calibration.json"),
+    config: ConfigOption = None,
+    overrides: SetOption = None,
+) -> None:
+    """Fit camera, LEDs, wheels and latency to recorded drives, and say what the drives cannot determine.
+
+    What they do not determine stays near the configured value. No drive shows how the array as a whole stands in
+    {L}: teach for that.
+    """
+    robots = loaded(config, overrides)
+    writable(out)
+    found = fitted(drives, robots)
+    typer.echo(table(found))
+    write_json(out, content(found, datetime.now(UTC).date().isoformat(), drives))
+    typer.echo(f"{out}: put the values of its table configuration in place of the same keys in robots.toml")
 
 
 def _board(text: str, square_mm: float) -> Board:

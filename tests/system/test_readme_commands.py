@@ -37,6 +37,7 @@ STEPPED = "--stepped --headless"
 SMALLEST = {
     "sim --start 8,1,-30": Small(f"sim --start 8,1,-30 {STEPPED}"),
     "sim --stepped --seed 7": Small(f"sim --seed 7 {STEPPED}"),
+    "sim --stepped --record": Small(f"sim --record --start 4,-1,45 {STEPPED}"),
     "sim --trolleys 8": Small(f"sim --trolleys 1 --start 4,-1,45 {STEPPED}"),
     "sim --config my.toml": Small(f"sim --config my.toml --start 4,-1,45 {STEPPED}"),
     "sim --set controller.method='paper_fatrop' --set estimator.method='paper'": Small(
@@ -54,6 +55,14 @@ SMALLEST = {
     "experiment linkcut": Small("experiment linkcut --trials 1"),
     "experiment campaign --seeds 2": Small("experiment campaign --seeds 1 --rows S22"),
     "experiment fuzz --messages 300000": Small("experiment fuzz --messages 200 --frames 200 --files 2"),
+    "experiment load": Small("experiment load --seconds 1 --cases nothing"),
+    "experiment soak --hours 24": Small("experiment soak --hours 0.01"),
+    "experiment tolerance": Small(
+        "experiment tolerance --robots 1 --methods geometry --cases focal_length --no-sensitivities"
+    ),
+    "bench recording": Small("bench recording --pairs 1"),
+    "replay": Small("replay missing.mcap", "missing.mcap", 2),
+    "report last --html page.html": Small("report last --html page.html --state .", "no recordings", 2),
     "bench control": Small("bench control --problems 10"),
     "bench perception": Small("bench perception --rounds 10"),
     "bench can": Small("bench can --cycles 100"),
