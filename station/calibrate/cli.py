@@ -140,9 +140,11 @@ def calibrate_mounting(
     typer.echo(f"residual {mount.residual_px:.2f} px; standard deviations {spread} mm, {angles}°")
 
 
-@calibrate.command("robot", epilog="Example:  davpc calibrate robot drive-1.json drive-2.json drive-3.json")
+@calibrate.command("robot", epilog="Example:  davpc calibrate robot run-1.mcap run-2.mcap run-3.mcap")
 def robot(
-    drives: Annotated[list[Path], typer.Argument(help="recorded approaches, three or more, from different sides")],
+    drives: Annotated[
+        list[Path], typer.Argument(help="recordings of three approaches or more, from different sides")
+    ],
     out: Annotated[Path, typer.Option(help="file to write")] = Path("robot-calibration.json"),
     config: ConfigOption = None,
     overrides: SetOption = None,

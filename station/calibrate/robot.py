@@ -11,7 +11,7 @@ from common.config import Config
 from common.errors import ConfigError
 from common.geometry import Array
 from follower.calibration.bundle import CoverageError, RobotCalibration, calibrate_robot
-from follower.calibration.drive import load_drive
+from station.calibrate.recorded_drive import recorded_drive
 
 _WORST_PX = 1.0
 _DISPLAYED = {"m": (1e3, "mm"), "deg": (1.0, "°"), "": (100.0, "%"), "s": (1e3, "ms")}
@@ -28,7 +28,7 @@ def fitted(drives: list[Path], robots: Config) -> RobotCalibration:
         ConfigError: a file is no drive of these robots, the drives are too much alike, or one robot does not explain
             them.
     """
-    recorded = [load_drive(path, robots) for path in drives]
+    recorded = [recorded_drive(path, robots) for path in drives]
     try:
         found = calibrate_robot(recorded, robots)
     except CoverageError as error:

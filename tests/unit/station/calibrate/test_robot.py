@@ -11,22 +11,18 @@ import pytest
 from common.config import default_config_path, load_config
 from common.errors import ConfigError
 from follower.calibration.bundle import RobotCalibration
-from follower.calibration.drive import Drive, save_drive
 from station.calibrate.robot import content, fitted, table
+from tests.rigs.recorded_run import recorded_run, recording_config
 
 
-def test_too_few_drives_are_refused(tmp_path: Path) -> None:
-    config = load_config(default_config_path())
-    stamps = np.arange(3)
-    features = np.full((3, len(config.leds.points), 2), 0.1)
-    save_drive(Drive(stamps, features, np.zeros((3, 3)), stamps, np.zeros((3, 2))), config, tmp_path / "one.json")
+def test_too_few_drives_are_refused() -> None:
     with pytest.raises(ConfigError, match="calibrate robot: 1 drives: record 3 or more"):
-        fitted([tmp_path / "one.json"], config)
+        fitted([recorded_run()], recording_config())
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"none\.json: not a recorded drive"):
-        fitted([tmp_path / "none.json"], load_config(default_config_path()))
+    with pytest.raises(ConfigError, match=r"none\.mcap: cannot be read"):
+        fitted([tmp_path / "none.mcap"], load_config(default_config_path()))
 
 
 def test_says_what_is_not_determined() -> None:
@@ -39,6 +35,6 @@ def test_says_what_is_not_determined() -> None:
     assert "+0.500 ± 0.010 °" in lines[1]
     assert "not determined" not in lines[1]
     assert "not determined" in lines[2]
-    kept = json.loads(json.dumps(content(found, "2026-11-28", [Path("a.json")])))
+    kept = json.loads(json.dumps(content(found, "2026-11-28", [Path("a.mcap")])))
     assert kept["errors"]["camera yaw"]["determined"]
     assert kept["configuration"]["camera.mount_xyz_m"] == list(config.camera.mount_xyz_m)
