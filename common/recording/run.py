@@ -109,6 +109,7 @@ class RunRecording:
         self._shown: dict[str, Channel[Any] | None] = {}
         self._dropped: dict[str, int] = {}
         self._calibrated = self._placed = False
+        self._noted = True
 
     @property
     def size_bytes(self) -> int:
@@ -127,25 +128,35 @@ class RunRecording:
             self._show_all(self._scene, item)
         if item.picture is not None:
             self._put(scene.IMAGE, scene.image(item.capture_ns, item.picture, "jpeg"), log_ns, item.capture_ns)
-        if item.pixels is not None and self._frames is not None:
-            self._keep_pixels(self._frames, item)
+        if self._frames is not None and key == FRAME.key:
+            if item.pixels is None:  # overwritten before it could be read
+                self.drop(scene.FRAMES, 1)
+            else:
+                self._keep_pixels(self._frames, item)
 
     def drop(self, what: str, count: int) -> None:
         """Note that so many items of a channel are missing from here on, counted from the beginning."""
         self._dropped[what] = self._dropped.get(what, 0) + count
-        self._writer.note(DROPPED_NOTE, {name: str(number) for name, number in self._dropped.items()})
+        self._noted = False
 
     def flush(self) -> None:
         """Hand everything to the operating system: a crash of this process loses nothing of it."""
+        self._note_dropped()
         self._writer.flush()
         if self._frames is not None:
             self._frames.flush()
 
     def close(self) -> None:
         """Complete the files; their streams stay open."""
+        self._note_dropped()
         self._writer.close()
         if self._frames is not None:
             self._frames.close()
+
+    def _note_dropped(self) -> None:
+        if not self._noted:
+            self._noted = True
+            self._writer.note(DROPPED_NOTE, {name: str(number) for name, number in self._dropped.items()})
 
     def _declare(self, key: str) -> None:
         channel = self._further.get(key) or channel_of(key)

@@ -58,7 +58,9 @@ class ReplayVerdict:
 
     def summary(self) -> list[str]:
         """Lines for people."""
-        if self.identical:
+        if not self.steps and not self.stopped:
+            lines = [f"{self.core}: no step can be replayed"]
+        elif self.identical:
             lines = [f"{self.core}: bit-identical: {self.outputs} outputs of {self.steps} steps"]
         else:
             lines = [f"{self.core}: {self.equal} of {self.outputs} outputs of {self.steps} steps are identical"]
