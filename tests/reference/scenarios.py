@@ -32,9 +32,9 @@ def _silent_wheel(rig: Rig) -> None:
 
 
 SCENARIOS: dict[str, Scenario] = {
-    "approach": Scenario(seconds=4.0),
-    "glass_hall": Scenario(('world.scene="glass_hall"', "world.start=[3.0, 0.3, 3.0]"), seconds=4.0),
-    "clutter40": Scenario(('world.scene="clutter40"', "world.start=[3.0, -0.2, 0.0]"), seconds=4.0),
+    "approach": Scenario(seconds=6.0),
+    "glass_hall": Scenario(('world.scene="glass_hall"', "world.start=[3.0, 0.3, 3.0]"), seconds=6.0),
+    "clutter40": Scenario(('world.scene="clutter40"', "world.start=[3.0, -0.2, 0.0]"), seconds=6.0),
     "camera_dead": Scenario(fault=lambda rig: rig.executor.halt("follower-camera")),
     "estop": Scenario(fault=lambda rig: rig.follower.set_stop_inputs(False, True)),
     "silent_wheel": Scenario(fault=_silent_wheel),
