@@ -8,8 +8,10 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
   $$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && echo $$p && break; done)
 SIM_ARGS ?=
 CAMPAIGN_ARGS ?=
+MODULES ?=
 BRIDGE_TESTS := tests/unit/follower/can_bridge
-GATE_TESTS := $(addprefix $(BRIDGE_TESTS)/test_gate,.py _caps.py _wheels.py _window.py)
+GATE_TESTS := $(addprefix $(BRIDGE_TESTS)/test_gate,.py _caps.py _wheels.py _window.py _encoders.py)
+WATCH_TESTS := $(addprefix $(BRIDGE_TESTS)/test_,wheel_tracking.py angle_watch.py angle_watch_limits.py)
 
 help: ## List the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 16
@@ -47,13 +49,11 @@ lint: $(READY) ## Format, lint, types, import rules
 
 cover: $(READY) ## Branch coverage of the gate by its own tests: anything below 100 % fails
 	@$(VENV)/bin/python -m pytest -q --cov-branch --cov-fail-under=100 --cov-report=term-missing \
-	  $(addprefix --cov=follower.can_bridge.,gate wheel_tracking arm_gate) \
-	  $(GATE_TESTS) $(BRIDGE_TESTS)/test_wheel_tracking.py $(BRIDGE_TESTS)/test_arm_gate.py
+	  $(addprefix --cov=follower.can_bridge.,gate wheel_tracking angle_watch arm_gate) \
+	  $(GATE_TESTS) $(WATCH_TESTS) $(BRIDGE_TESTS)/test_arm_gate.py
 
-mutate: cover ## The same, then a mutation test of the gate and its ceilings
-	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/gate.py $(GATE_TESTS)
-	@$(VENV)/bin/python -m tests.mutation.mutate follower/can_bridge/wheel_tracking.py $(BRIDGE_TESTS)/test_wheel_tracking.py
-	@$(VENV)/bin/python -m tests.mutation.mutate common/ceilings.py tests/unit/common/test_ceilings.py
+mutate: cover ## The same, then a mutation test of gate and supervisor: a survivor not listed fails (MODULES=… for a part)
+	@OPENBLAS_NUM_THREADS=1 nice -n 10 $(VENV)/bin/python -m tests.mutation.mutate $(MODULES)
 
 prove: $(READY) ## A million random steps of the gate, mutated CAN frames, events of both state machines
 	@GATE_STEPS=1000000 FUZZ_FRAMES=1000000 MACHINE_EVENTS=1000000 $(VENV)/bin/python -m pytest -q --timeout 1200 \

@@ -252,8 +252,6 @@ class Gate:
 
     def _contradicted(self, status: WheelStatus) -> str:
         """An angle that does not follow its speed: an encoder that stands, runs backwards or has another scale."""
-        if status.measured_ns < 0:
-            return ""
         wheels = ((status.left_rad, status.left_rad_s), (status.right_rad, status.right_rad_s))
         wrong = [
             watch.step(status.measured_ns, angle * self._radius, speed * self._radius)

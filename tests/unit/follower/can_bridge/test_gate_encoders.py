@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
 from sim.can.faults import EncoderFault
 from tests.rigs.canbus_rig import follower_rig
 from tests.rigs.driving_rig import Driving
+from tests.rigs.gate_rig import RADIUS, Bench, command, stamped, wheels
 
 Lie = Callable[[float, float], tuple[float, float]]
 
@@ -60,3 +62,16 @@ def test_an_angle_at_half_its_scale_stops_both(speed_m_s: float, turn_rad_s: flo
         assert took_ms <= within_ms
         assert driving.decision.rule == "measured_angle"
         driving.tap.close()
+
+
+def test_after_a_jump_a_new_epoch_measures_angles_from_there() -> None:
+    bench = Bench()
+    bench.drive(0.2)
+    here = wheels(0.2, bench.now_ns)
+    assert bench.step(status=replace(here, left_rad=50.0, right_rad=50.0)).rule == "measured_jump"
+    bench.standing = {"epoch": 8}
+    for n in range(200):
+        driven_rad = 50.0 + 0.01 * bench.v / RADIUS * (n + 1)
+        status = replace(wheels(0.0, bench.now_ns), left_rad=driven_rad, right_rad=driven_rad)
+        order = stamped(command(0.0, 0.0, n + 1, bench.now_ns, epoch=8))
+        assert bench.step(order, status=status).rule == "", n
