@@ -1,4 +1,7 @@
-"""The modules that decide about motion, with the tests that must notice a change of each."""
+"""The modules that decide about motion, with the tests that must notice a change of each.
+
+Of the supervisor all but its reports on disk (``attempt_report.py``, ``journal.py``), which decide nothing.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,11 @@ from typing import Final
 _BRIDGE: Final = "tests/unit/follower/can_bridge/test_"
 _SUPERVISOR: Final = "tests/unit/follower/supervisor/test_"
 _GATE: Final = tuple(f"{_BRIDGE}gate{part}.py" for part in ("", "_caps", "_wheels", "_window", "_encoders"))
+_PHASES: Final = "tests/unit/follower/supervisor/phases/test_"
 _SEQUENCE: Final = (
     *(f"{_SUPERVISOR}sequence{part}.py" for part in ("", "_contact", "_guards", "_pauses", "_stops")),
-    *(f"tests/unit/follower/supervisor/phases/test_{phase}.py" for phase in ("lock", "staging")),
+    *(f"{_PHASES}{phase}.py" for phase in ("approach", "contact", "lock", "search", "staging", "staging_limits")),
+    f"{_SUPERVISOR}attempt.py",
 )
 TARGETS: Final[dict[str, tuple[str, ...]]] = {
     "common/ceilings.py": ("tests/unit/common/test_ceilings.py",),
@@ -25,8 +30,8 @@ TARGETS: Final[dict[str, tuple[str, ...]]] = {
             "late_watch": (f"{_SUPERVISOR}late_watch.py",),
             "lateral_forecast": (f"{_SUPERVISOR}lateral_forecast.py",),
             "manual": (f"{_SUPERVISOR}manual.py",),
-            "node": (f"{_SUPERVISOR}node.py",),
-            "run_watch": (f"{_SUPERVISOR}node.py",),
+            "node": (f"{_SUPERVISOR}node.py", f"{_SUPERVISOR}node_outputs.py"),
+            "run_watch": (f"{_SUPERVISOR}run_watch.py",),
             "sequence": _SEQUENCE,
             "taught": (f"{_SUPERVISOR}taught.py",),
             "transitions": (*_SEQUENCE, "tests/repository/test_tables.py"),

@@ -19,6 +19,7 @@ from follower.model.taught import (
     Taught,
     calibration_hash,
     geometry_tag,
+    load,
     save,
     taught_geometry,
     taught_images,
@@ -113,3 +114,45 @@ def test_a_wrong_image_stops_the_supervisor_at_its_start(config: Config, tmp_pat
     with pytest.raises(ConfigError, match=r"taught-1\.json") as said:
         SupervisorNode(NodeContext(robots, tmp_path / "robots.toml", tmp_path, 1, SteppedClock(NOW_NS)))
     assert "\n" not in str(said.value)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"width_px": 640},
+        {"height_px": 480},
+        {"mount_xyz_m": (0.0, 0.0, 0.9)},
+        {"mount_tilt_deg": (0.0, 3.0, 0.0)},
+    ],
+)
+def test_an_image_of_another_camera_mounting_is_refused(
+    config: Config, tmp_path: Path, changes: dict[str, object]
+) -> None:
+    other = config.camera.model_copy(update=changes)
+    assert calibration_hash(other) != calibration_hash(config.camera)
+    save(image(config, 1), tmp_path / "taught-1.json")
+    with pytest.raises(ConfigError, match="another lens or mounting"):
+        load(tmp_path / "taught-1.json", other)
+
+
+def test_another_lens_or_exposure(config: Config) -> None:
+    lens = config.camera.lens.model_copy(update={"fx_px": 1.02 * config.camera.lens.fx_px})
+    assert calibration_hash(config.camera.model_copy(update={"lens": lens})) != calibration_hash(config.camera)
+    rate = config.camera.model_copy(update={"rate_hz": 30.0})
+    assert calibration_hash(rate) == calibration_hash(config.camera), "the image does not depend on it"
+
+
+@pytest.mark.parametrize("content", [None, b"{", b'{"schema": "taught/1"}'])
+def test_a_file_that_is_no_image_is_named(config: Config, tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "taught-1.json"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ConfigError) as refused:
+        load(path, config.camera)
+    assert str(refused.value).startswith(f"{path}: not a desired image")
+
+
+def test_the_file_is_of_schema_taught_1(config: Config, tmp_path: Path) -> None:
+    """Files of installed robots: another name would refuse them all."""
+    save(image(config, 1), tmp_path / "taught-1.json")
+    assert '"schema": "taught/1"' in (tmp_path / "taught-1.json").read_text()

@@ -70,6 +70,11 @@ def test_what_does_not_fit_is_named(config: Config, tmp_path: Path, changes: dic
     assert "lens.toml" in text
 
 
+def test_on_its_last_day_a_calibration_is_fit(config: Config, tmp_path: Path) -> None:
+    path = write(tmp_path, config.camera, date=(TODAY - timedelta(days=365)).isoformat())
+    assert CalibrationWatch(camera_of(config), path, TODAY).unfit("A1") == ""
+
+
 def test_another_focal_length_is_another_lens(config: Config, tmp_path: Path) -> None:
     path = write(tmp_path, config.camera)
     lens = config.camera.lens.model_copy(update={"fx_px": 400.0})
@@ -93,6 +98,9 @@ def test_a_missing_or_spoilt_file_is_named(config: Config, tmp_path: Path, conte
         (None, ""),
         (GATEWAY, ""),
         (replace(GATEWAY, certificate_left_s=24.5 * 3600), ""),
+        (replace(GATEWAY, certificate_left_s=24.0 * 3600 + 1.0), ""),
+        (replace(GATEWAY, certificate_left_s=24.0 * 3600), "the certificate expires in 24.0 h"),
+        (replace(GATEWAY, certificate_left_s=8.25 * 3600 - 1.0), "the certificate expires in 8.2 h"),
         (replace(GATEWAY, certificate_left_s=23.5 * 3600), "the certificate expires in 23.5 h"),
         (replace(GATEWAY, certificate_left_s=-10.0), "the certificate expires in 0.0 h"),
     ],

@@ -40,3 +40,11 @@ def test_a_process_that_appears_later_begins_from_nothing() -> None:
     watch = LateWatch()
     assert watch.step(0, {}) == ""
     assert watch.step(50 * NS_PER_MS, {"bridge": 7}) == ""
+
+
+@pytest.mark.parametrize(("after_ms", "found"), [(1000, "bridge"), (1010, "")])
+def test_what_is_older_than_a_second_no_longer_counts(after_ms: int, found: str) -> None:
+    watch = LateWatch()
+    assert watch.step(0, {"bridge": 0}) == ""
+    assert watch.step(5 * NS_PER_MS, {"bridge": 2}) == ""
+    assert watch.step(after_ms * NS_PER_MS, {"bridge": 3}) == found

@@ -160,3 +160,71 @@ def test_no_docking_begins_meanwhile_and_an_abort_ends_it(hand: Hand) -> None:
     assert hand.mode.active
     assert hand.mode.answer_docking(replace(start, action="abort")).outcome == "done"
     assert not hand.mode.active
+
+
+def test_each_answer_says_what_it_did(hand: Hand) -> None:
+    assert hand.ask().reason == "armed as long as its commands arrive"
+    abort = DockRequest("a", hand.seen.now_ns + NS_PER_S, "abort")
+    assert hand.mode.answer_docking(replace(abort, action="start")).reason == "manual mode is on"
+    assert hand.mode.answer_docking(abort).reason == "manual mode ended"
+    assert hand.mission.cause == "manual: operator_abort"
+    assert hand.ask("stop").reason == "disarmed"
+    assert hand.mission.cause == ""
+    old = ManualRequest("old", hand.seen.now_ns - 1, "start")
+    assert hand.step(requests=(old,))[0].reason == "expired before it was handled"
+
+
+def test_the_cause_of_the_last_time_is_over_when_it_begins_and_shown_once_done_too(hand: Hand) -> None:
+    hand.under_way()
+    for _ in range(8):
+        hand.step(command=None)
+    done = replace(hand.idle, phase="done")
+    assert hand.mode.mission(done).cause == "manual: station_silent"
+    assert hand.mode.mission(replace(done, cause="other")).cause == "other"
+    hand.ask()
+    assert (hand.mission.cause, hand.mission.straight_speed_m_s) == ("", 0.0)
+    hand.ask("stop")
+    assert hand.mission.cause == ""
+
+
+def test_the_first_command_has_two_seconds_more(hand: Hand) -> None:
+    assert hand.ask().outcome == "accepted"
+    for _ in range(40 + 3):
+        hand.step()
+        assert hand.mode.active
+    hand.step()
+    assert hand.mission.cause == "manual: station_silent"
+
+
+@pytest.mark.parametrize(("silent_ms", "active"), [(150, True), (151, False)])
+def test_a_station_may_be_silent_for_150_ms(hand: Hand, silent_ms: int, active: bool) -> None:
+    hand.under_way()
+    hand.seen = replace(hand.seen, now_ns=hand.seen.now_ns - STEP_NS + silent_ms * NS_PER_S // 1000)
+    hand.step(command=None)
+    assert hand.mode.active == active
+
+
+@pytest.mark.parametrize(("silent_ms", "active"), [(300, True), (301, False)])
+def test_drives_may_be_silent_for_300_ms(hand: Hand, silent_ms: int, active: bool) -> None:
+    hand.under_way()
+    hand.seen = replace(hand.seen, now_ns=hand.seen.now_ns - STEP_NS + silent_ms * NS_PER_S // 1000)
+    hand.step(drives=None)
+    assert hand.mode.active == active
+
+
+def test_drives_that_answer_now_and_then_are_not_silent(hand: Hand) -> None:
+    hand.under_way()
+    drives = hand.seen.drives
+    for n in range(20):
+        hand.step(drives=drives if n % 4 == 3 else None)
+        assert hand.mode.active
+
+
+def test_a_long_cause_is_cut_to_what_a_message_takes(hand: Hand) -> None:
+    hand.seen = replace(hand.seen, drives=replace(DISARMED, state="fault", cause="x" * 400))
+    assert hand.ask().reason == "drives: " + "x" * 392
+    hand.seen = replace(hand.seen, drives=DISARMED)
+    hand.under_way()
+    assert hand.seen.drives is not None
+    hand.step(drives=replace(hand.seen.drives, state="fault", cause="x" * 400))
+    assert hand.mission.cause == "manual: gate_stop: " + "x" * 381
