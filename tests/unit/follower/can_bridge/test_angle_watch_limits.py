@@ -52,6 +52,24 @@ def test_a_slower_creep_is_found_by_the_long_window_or_allowed(direction: float)
     assert found_after_ms(0.9999 * direction * least_m_s, lasts_ms=6000) is None
 
 
+def test_of_a_wheel_that_rolls_a_fifth_of_the_path_is_allowed_too() -> None:
+    least_m_s = (0.0007 / 0.28 + 0.002 + 0.2 * 0.1) / 0.8
+    assert found_after_ms(1.0005 * least_m_s, 0.1) == 280 + 60
+    later = found_after_ms(0.9995 * least_m_s, 0.1)
+    assert later is not None
+    assert later > 280 + 60
+
+
+def test_of_several_lags_the_one_that_agrees_best_counts() -> None:
+    """Two steps within the longest lag: the first alone is judged until the second has passed it too."""
+    watch, found = AngleWatch(), []
+    for ms in range(600):
+        angle_m = 0.0017 * (ms >= 400) + 0.01 * (ms >= 450)
+        if watch.step(ms * NS_PER_MS, angle_m, 0.0):
+            found.append(ms)
+    assert found[0] == 400 + 60
+
+
 def test_the_share_counts_the_path_driven_also_to_and_fro() -> None:
     watch, angle_m = AngleWatch(), 0.0
     for ms in range(3000):
@@ -81,7 +99,7 @@ def test_an_old_measurement_changes_nothing(back_ms: int) -> None:
     watch = AngleWatch()
     for ms in range(600):
         assert not watch.step(ms * NS_PER_MS, 0.3 * ms / 1000.0, 0.3), ms
-        assert not watch.step((ms - back_ms) * NS_PER_MS, -7.0, 0.3), ms
+        assert not watch.step((ms - back_ms) * NS_PER_MS, -7.0, 5.0), ms
 
 
 def test_the_first_measurement_is_not_measured_against_zero() -> None:

@@ -63,7 +63,7 @@ class Process:
             self._publish()
         self.inbox.begin_step()
         outputs = list(self.node.step(self.now_ns, self.inbox))
-        mission = dict(outputs)[MISSION]
+        (mission,) = [message for _, message in outputs if isinstance(message, Mission)]
         armed = "armed" if mission.armed else "disarmed"
         self.drives = replace(self.drives, state=armed, epoch=mission.epoch)  # type: ignore[arg-type] # one of them
         return outputs
