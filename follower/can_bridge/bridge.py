@@ -92,7 +92,7 @@ class Bridge:
             inputs.now_ns,
             inputs.command,
             _arm_token(inputs.mission) if wanted else None,
-            _wheel_status(measured),
+            wheel_status(measured),
             StopInputs(
                 fresh=measured.inputs_fresh,
                 estop_clear=measured.estop_clear,
@@ -240,7 +240,8 @@ def _arm_token(mission: Received[Mission] | None) -> ArmToken | None:
     )
 
 
-def _wheel_status(measured: BusMeasurement) -> WheelStatus:
+def wheel_status(measured: BusMeasurement) -> WheelStatus:
+    """What the gate gets of a measurement."""
     speed, angle = measured.wheel_speed_rad_s, measured.wheel_angle_rad
     return WheelStatus(
         measured_ns=measured.measured_ns,

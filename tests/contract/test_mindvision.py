@@ -24,13 +24,19 @@ from tests.contract.camera_rigs import (
 from tests.contract.fake_cameras import FakeSdk
 
 
+def opened(config: Config, folder: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[FakeSdk, MindVisionSource]:
+    """A camera that is there, and the source that has opened it."""
+    sdk = FakeSdk(picture())
+    monkeypatch.setitem(sys.modules, "mvsdk", sdk.module())
+    source = MindVisionSource(context(config, folder, "mindvision"))
+    source.open()
+    return sdk, source
+
+
 def test_mindvision_settings_come_from_the_configuration(
     config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sdk = FakeSdk(picture())
-    monkeypatch.setitem(sys.modules, "mvsdk", sdk.module())
-    source = MindVisionSource(context(config, tmp_path, "mindvision"))
-    source.open()
+    sdk, source = opened(config, tmp_path, monkeypatch)
     assert sdk.settings["SetExposureTime"] == EXPOSURE_US
     assert sdk.settings["SetAnalogGainX"] == 2.0
     assert sdk.settings["SetFrameRate"] == 60
@@ -70,9 +76,7 @@ def test_mindvision_faults_are_one_clear_line(
 def test_mindvision_sets_the_resolution_in_the_middle_of_the_sensor(
     config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sdk = FakeSdk(picture())
-    monkeypatch.setitem(sys.modules, "mvsdk", sdk.module())
-    MindVisionSource(context(config, tmp_path, "mindvision")).open()
+    sdk, _ = opened(config, tmp_path, monkeypatch)
     asked = sdk.settings["SetImageResolution"]
     assert (asked.iIndex, asked.iWidth, asked.iHeight) == (0xFF, WIDTH, HEIGHT)
     assert (asked.iHOffsetFOV, asked.iVOffsetFOV) == ((1280 - WIDTH) // 2, (1024 - HEIGHT) // 2)
@@ -94,10 +98,7 @@ def test_mindvision_never_lets_the_sdk_write_past_its_buffer(
 def test_mindvision_that_stays_silent_is_lost(
     config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sdk = FakeSdk(picture())
-    monkeypatch.setitem(sys.modules, "mvsdk", sdk.module())
-    source = MindVisionSource(context(config, tmp_path, "mindvision"))
-    source.open()
+    sdk, source = opened(config, tmp_path, monkeypatch)
     sdk.pending = 0
     patient = [grab(source)[1] for _ in range(30)]
     assert patient == [None] * 30

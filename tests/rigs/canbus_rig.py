@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from common.canopen.frames import CanFrame
 from common.config import Config, FollowerCanConfig, load_config
 from common.timing import NS_PER_MS, SteppedClock
+from follower.can_bridge.bridge import wheel_status
 from follower.can_bridge.drive_bus import DriveBus
 from follower.can_bridge.gate import StopInputs, WheelStatus
 from follower.can_bridge.measurement import BusMeasurement, DriveSetpoint
@@ -113,17 +115,9 @@ def wheel_surface_speed(speed_m_s: float, config: Config) -> DriveSetpoint:
     return DriveSetpoint(left_rad_s=wheel, right_rad_s=wheel)
 
 
-def wheel_status(measured: BusMeasurement) -> WheelStatus:
+def wheels_alone(measured: BusMeasurement) -> WheelStatus:
     """What the gate gets of a measurement, while only the wheels have to be enabled."""
-    speed, angle = measured.wheel_speed_rad_s, measured.wheel_angle_rad
-    return WheelStatus(
-        measured_ns=measured.measured_ns,
-        left_rad_s=speed[0],
-        right_rad_s=speed[1],
-        left_rad=angle[0],
-        right_rad=angle[1],
-        drives_enabled=measured.wheels_enabled,
-    )
+    return replace(wheel_status(measured), drives_enabled=measured.wheels_enabled)
 
 
 def stop_inputs(measured: BusMeasurement) -> StopInputs:

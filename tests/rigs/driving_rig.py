@@ -9,7 +9,7 @@ from common.messages import Command, seal_command
 from common.timing import NS_PER_MS
 from follower.can_bridge.gate import ArmToken, Decision, Gate, StampedCommand
 from follower.can_bridge.measurement import BusMeasurement, DriveSetpoint
-from tests.rigs.canbus_rig import Rig, Tap, is_stop, stop_inputs, wheel_status
+from tests.rigs.canbus_rig import Rig, Tap, is_stop, stop_inputs, wheels_alone
 
 
 class Driving:
@@ -41,7 +41,7 @@ class Driving:
             ArmToken(
                 armed=True, stamp_ns=now_ns, boot_id="boot", epoch=1, phase="approach", v_max_m_s=0.5, w_max_rad_s=0.6
             ),
-            wheel_status(measured),
+            wheels_alone(measured),
             stop_inputs(measured),
         )
         left, right = wheels_from_twist(base, self.decision.v_m_s, self.decision.w_rad_s)

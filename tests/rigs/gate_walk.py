@@ -9,23 +9,11 @@ import math
 from collections import deque
 from random import Random
 
-from common.config import BaseConfig, LimitsConfig
 from common.messages import PHASES, Command, Phase, command_checksum, seal_command
 from follower.can_bridge.gate import ArmToken, Decision, Gate, StampedCommand, StopInputs, WheelStatus
+from tests.rigs.gate_rig import BASE, BOOT, LIMITS, MS
 
-MS = 1_000_000
 EPS = 1e-9
-BOOT = "boot"
-BASE = BaseConfig(wheel_radius_m=0.085, track_m=0.5, latency_ms=20.0)
-LIMITS = LimitsConfig(
-    v_min_m_s=-0.1,
-    v_max_m_s=0.5,
-    w_max_rad_s=0.6,
-    controller_dv_m_s=0.02,
-    controller_dw_rad_s=0.08,
-    gate_acceleration_m_s2=0.5,
-    gate_angular_acceleration_rad_s2=2.0,
-)
 STILL_PHASES = ("idle", "release", "done", "aborted")
 SLOW_PHASES = {
     "staging": 0.10,

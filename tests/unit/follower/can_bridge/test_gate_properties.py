@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from common.messages import PHASES, Command, Phase, seal_command
 from follower.can_bridge.gate import ArmToken, Gate, StampedCommand, StopInputs, WheelStatus
-from tests.rigs.gate_walk import BASE, BOOT, EPS, LIMITS, MS, Walk
+from tests.rigs.gate_rig import BASE, BOOT, LIMITS, MS
+from tests.rigs.gate_walk import EPS, Walk
 
 SHARDS = 8
 STEPS = int(os.environ.get("GATE_STEPS", "200000")) // SHARDS

@@ -14,7 +14,7 @@ from common.messages import Command, seal_command
 from common.timing import NS_PER_MS
 from follower.can_bridge.gate import ArmToken, Gate, StampedCommand
 from follower.can_bridge.measurement import DriveSetpoint
-from tests.rigs.canbus_rig import Rig, Tap, follower_rig, stop_inputs, wheel_status
+from tests.rigs.canbus_rig import Rig, Tap, follower_rig, stop_inputs, wheels_alone
 
 SHARDS = 4
 FRAMES = int(os.environ.get("FUZZ_FRAMES", "60000")) // SHARDS
@@ -77,7 +77,7 @@ class _Session:
                 v_max_m_s=0.5,
                 w_max_rad_s=0.6,
             ),
-            wheel_status(measured),
+            wheels_alone(measured),
             stop_inputs(measured),
         )
         self.moving += decision.v_m_s > 0.0

@@ -9,10 +9,10 @@ import pytest
 
 from common.config import Config
 from common.geometry import Pose2
-from common.messages import DockingState, Drives
+from common.messages import Drives
 from common.timing import NS_PER_S
 from follower.model.dead_reckoning import DeadReckoning, WheelReckoning
-from tests.rigs.supervisor_rig import DRIVES
+from tests.rigs.supervisor_rig import DRIVES, docking_state
 
 COVARIANCE = np.diag([0.01, 0.01, 0.01]) ** 2
 
@@ -53,50 +53,26 @@ def _drives(config: Config, time_s: float, driven_m: float) -> Drives:
     return replace(DRIVES, state="armed", epoch=1, measured_ns=measured_ns, wheel_angle_rad=(angle, angle))
 
 
-def _state(x_m: float) -> DockingState:
-    return DockingState(
-        frame_sequence=1,
-        capture_ns=0,
-        valid=True,
-        cause="ok",
-        leds_seen=4,
-        features=(None,) * 4,
-        features_filtered=(),
-        theta_homography_rad=None,
-        x_m=x_m,
-        y_m=0.0,
-        theta_rad=0.0,
-        covariance=(0.0,) * 9,
-        disturbance=(0.0,) * 4,
-        fit=None,
-        fit_covariance=None,
-        residual_px=0.1,
-        spots=4,
-        frames_seen=1,
-        frames_dropped=0,
-    )
-
-
 def test_a_state_is_carried_on_by_the_drives_measured_angles(config: Config) -> None:
     reckoning = WheelReckoning(config.base, config.estimator)
     reckoning.drive(_drives(config, 1.0, 0.0))
-    reckoning.seen(_state(5.0))
+    reckoning.seen(docking_state(config, Pose2(5.0, 0.0, 0.0)))
     for n in range(1, 21):
         reckoning.drive(_drives(config, 1.0 + 0.05 * n, 0.02 * n))
     pose = reckoning.leader_in_follower
     assert pose is not None
     assert pose.x_m == pytest.approx(4.6)
-    assert reckoning.agrees(_state(4.65))
-    assert not reckoning.agrees(_state(6.5))
+    assert reckoning.agrees(docking_state(config, Pose2(4.65, 0.0, 0.0)))
+    assert not reckoning.agrees(docking_state(config, Pose2(6.5, 0.0, 0.0)))
 
 
 def test_a_jump_of_an_encoder_forgets_it(config: Config) -> None:
     reckoning = WheelReckoning(config.base, config.estimator)
     reckoning.drive(_drives(config, 1.0, 0.0))
-    reckoning.seen(_state(5.0))
+    reckoning.seen(docking_state(config, Pose2(5.0, 0.0, 0.0)))
     reckoning.drive(_drives(config, 1.05, 3.0))
     assert reckoning.leader_in_follower is None
-    reckoning.seen(_state(4.0))
+    reckoning.seen(docking_state(config, Pose2(4.0, 0.0, 0.0)))
     reckoning.drive(_drives(config, 1.10, 3.01))
     pose = reckoning.leader_in_follower
     assert pose is not None
