@@ -1,17 +1,16 @@
-"""What the phases of a docking share: battery, silence, trust in the image, re-arming."""
+"""What the phases of a docking share: battery, silence, re-arming."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
 from common.config import Config
 from common.geometry import Pose2
 from common.timing import NS_PER_S
-from follower.supervisor.attempt import ImageTrust, not_enabled, undervoltage
-from tests.rigs.supervisor_rig import DRIVES, Bench, docking_state
+from follower.supervisor.attempt import not_enabled, undervoltage
+from tests.rigs.supervisor_rig import DRIVES, Bench
 
 
 @pytest.mark.parametrize(
@@ -33,28 +32,6 @@ def test_drives_that_are_not_enabled_are_named_with_their_cause() -> None:
     assert not_enabled(None) == "drives not enabled"
     assert not_enabled(DRIVES) == "drives not enabled"
     assert not_enabled(replace(DRIVES, cause="bus_lost: off")) == "drives not enabled (bus_lost: off)"
-
-
-def doubt(config: Config, cause: Any = "not_following") -> Any:
-    return replace(docking_state(config, Pose2(5.0, 0.0, 0.0), valid=False), cause=cause)
-
-
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-@pytest.mark.parametrize(("path_m", "lost"), [(0.495, True), (0.505, False)])
-def test_an_image_is_believed_again_after_half_a_metre(
-    config: Config, path_m: float, direction: float, lost: bool
-) -> None:
-    trust, valid = ImageTrust(), docking_state(config, Pose2(5.0, 0.0, 0.0))
-    assert not trust.lost(doubt(config), 10.0)
-    assert not trust.lost(doubt(config), 10.0), "still the first one"
-    assert not trust.lost(None, 10.0)
-    assert not trust.lost(valid, 10.0)
-    assert not trust.lost(doubt(config, "few_leds"), 10.0)
-    assert trust.lost(doubt(config), 10.0 + direction * path_m) == lost
-
-
-def test_the_first_doubt_is_never_the_last(config: Config) -> None:
-    assert not ImageTrust().lost(doubt(config), 0.0)
 
 
 @pytest.mark.parametrize(("after_s", "phase"), [(19.9, "aborted"), (20.1, "acquire")])

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from common.config import Config
 from common.geometry import Pose2
 from common.messages import DockRequest
 from common.timing import NS_PER_MS
-from follower.supervisor.sequence import DockingSequence
 from tests.rigs.supervisor_rig import ARMS, DRIVES, LEADER, Bench, docking_state
 
 STEP_MS = 50
@@ -113,18 +110,6 @@ def test_resets_are_counted_for_the_drives(bench: Bench) -> None:
         bench.ask("reset")
         assert bench.mission is not None
         assert bench.mission.resets == count
-
-
-def test_only_a_trolley_with_a_taught_image_is_docked_to_that_image(config: Config) -> None:
-    bench = Bench(config)
-    taught = np.full((4, 2), 0.125)
-    bench.sequence = DockingSequence(config, run_id=1000, taught={1: taught})
-    bench.run(0.2)
-    refused = bench.ask("start", trolley=2)
-    assert (refused.outcome, refused.reason) == ("refused", "docking 2 is not taught (docking.taught_dir)")
-    assert bench.ask("start").outcome == "accepted"
-    assert bench.mission is not None
-    assert bench.mission.desired_features == ((0.125, 0.125),) * 4
 
 
 def test_a_long_cause_is_cut_to_what_a_message_takes(bench: Bench) -> None:

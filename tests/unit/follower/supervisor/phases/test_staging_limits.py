@@ -1,4 +1,4 @@
-"""Staging, step by step: how long each step may take, what it waits for, and what begins it anew."""
+"""Staging, step by step: how long each step may take, what it waits for, and what begins it again."""
 
 from __future__ import annotations
 
@@ -179,7 +179,7 @@ def test_a_retry_goes_back_with_its_trolley_and_the_leds_in_view(
     mission = bench.step(**given).mission
     assert (mission.motion, mission.waiting) == ("hold", lacking)
     bench.run(1.9, arms=ARMS, state=valid)
-    assert waiting(bench) == "health", "well for two seconds anew"
+    assert waiting(bench) == "health", "well for two seconds again"
     bench.run(0.3)
     assert bench.mission is not None
     assert bench.mission.motion == "straight"
