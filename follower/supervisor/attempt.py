@@ -56,7 +56,7 @@ class Attempt:
     taught: Mapping[int, Pose2] | None
     reckoning: WheelReckoning
     standstill: Standstill
-    grip: Grip = "closed"
+    grip: Grip
     armed: bool = False
     enabled: bool = False
     retreating: bool = False

@@ -100,9 +100,7 @@ class ManualMode:
             return Answer(request.id, "refused", refusal)
         self._wanted = request
         self._epoch += 1
-        self._cause = ""
         self._command_ns = inputs.now_ns + _FIRST_COMMAND_NS
-        self._drives_ns = inputs.now_ns
         return Answer(request.id, "accepted", "armed as long as its commands arrive")
 
     def _refusal(self, inputs: ManualInputs) -> str:

@@ -107,7 +107,7 @@ def calibrate_camera(views: Sequence[Array], board: Board, size: Size) -> Calibr
     if turned_rad < _LEAST_SPREAD_RAD:
         raise CalibrationError(
             f"the boards are not tilted (their directions differ by {np.degrees(turned_rad):.1f}° rms, "
-            f"{np.degrees(_LEAST_SPREAD_RAD):.0f}° are needed): the focal length cannot be determined from these views"
+            f"{np.degrees(_LEAST_SPREAD_RAD):.0f}° are needed): the views do not determine the focal length"
         )
     return Calibration(lens, rms_px, held_out, coverage_of(views, size), len(views))
 

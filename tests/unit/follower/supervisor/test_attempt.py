@@ -10,7 +10,7 @@ from common.config import Config
 from common.geometry import Pose2
 from common.timing import NS_PER_S
 from follower.supervisor.attempt import not_enabled, undervoltage
-from tests.rigs.supervisor_rig import DRIVES, Bench
+from tests.rigs.supervisor_rig import DRIVES, LEADER, Bench
 
 
 @pytest.mark.parametrize(
@@ -52,6 +52,12 @@ def test_three_may_be_rearmed_within_twenty_seconds(bench: Bench, after_s: float
         if number < 3:
             assert bench.run(1.0, drives=replace(drives, state="disarmed", cause="")) == "approach"
     assert bench.sequence.phase == phase
+
+
+def test_an_open_lock_says_enough_for_the_first_trolley(bench: Bench) -> None:
+    bench.run(0.2, leader=replace(LEADER, queue=2))
+    bench.ask("start")
+    assert bench.run(0.7) == "approach"
 
 
 def test_a_pressed_button_keeps_it_from_arming(bench: Bench) -> None:

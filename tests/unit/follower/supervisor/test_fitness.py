@@ -100,7 +100,7 @@ def test_a_missing_or_spoilt_file_is_named(config: Config, tmp_path: Path, conte
         (replace(GATEWAY, certificate_left_s=24.5 * 3600), ""),
         (replace(GATEWAY, certificate_left_s=24.0 * 3600 + 1.0), ""),
         (replace(GATEWAY, certificate_left_s=24.0 * 3600), "the certificate expires in 24.0 h"),
-        (replace(GATEWAY, certificate_left_s=8.25 * 3600 - 1.0), "the certificate expires in 8.2 h"),
+        (replace(GATEWAY, certificate_left_s=8.2501 * 3600), "the certificate expires in 8.3 h"),
         (replace(GATEWAY, certificate_left_s=23.5 * 3600), "the certificate expires in 23.5 h"),
         (replace(GATEWAY, certificate_left_s=-10.0), "the certificate expires in 0.0 h"),
     ],

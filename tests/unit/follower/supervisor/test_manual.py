@@ -106,6 +106,12 @@ def test_it_refuses_a_height_beyond_the_lifts_travel(hand: Hand) -> None:
     assert hand.ask(lift_m=0.5).outcome == "accepted"
 
 
+def test_the_travel_is_named_in_millimetres(config: Config) -> None:
+    can = config.follower_can.model_copy(update={"lift_max_m": 0.7})
+    answer = Hand(config.model_copy(update={"follower_can": can})).ask(lift_m=0.8)
+    assert answer.reason == "the lift reaches at most 700 mm (follower_can.lift_max_m)"
+
+
 def test_an_expired_request_and_a_second_station_arm_nothing(hand: Hand) -> None:
     old = ManualRequest("old", hand.seen.now_ns - 1, "start")
     assert hand.step(requests=(old,))[0].outcome == "expired"

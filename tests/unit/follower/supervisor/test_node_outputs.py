@@ -92,6 +92,10 @@ def process(tmp_path: Path) -> Iterator[Process]:
     made.node.stop(made.now_ns)
 
 
+def test_it_steps_twenty_times_a_second_under_its_own_name(process: Process) -> None:
+    assert (process.node.name, process.node.trigger.period_ns) == ("follower-supervisor", NS_PER_S // 20)
+
+
 def test_a_mission_each_step_and_a_summary_every_other(process: Process) -> None:
     published = [[channel for channel, _ in process.step()] for _ in range(4)]
     assert published == [[MISSION], [MISSION, FOLLOWER_SUMMARY]] * 2
@@ -120,16 +124,16 @@ def test_each_phase_is_logged_once_and_each_attempt_is_kept(
         process.start()
         process.missions(20)
         process.ask(DOCK_REQUEST, DockRequest("abort-1", process.now_ns + NS_PER_S, "abort"))
-        process.missions(3)
+        process.step()
+        process.node.stop(process.now_ns)
+    (line,) = next(tmp_path.rglob("attempts.jsonl")).read_text().splitlines()
+    assert json.loads(line)["cause"] == "operator_abort", "nothing that was queued is lost"
     said = [record.getMessage().strip() for record in caplog.records if record.name == "follower-supervisor"]
     assert [text for text in said if text.startswith("phase")] == [
         "phase acquire",
         "phase approach",
         "phase aborted operator_abort",
     ]
-    process.node.stop(process.now_ns)
-    (line,) = next(tmp_path.rglob("attempts.jsonl")).read_text().splitlines()
-    assert json.loads(line)["cause"] == "operator_abort"
 
 
 def test_the_request_to_lock_goes_out(process: Process) -> None:

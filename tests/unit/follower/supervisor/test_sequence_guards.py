@@ -63,6 +63,9 @@ def test_it_may_begin_before_the_drives_are_seen(bench: Bench) -> None:
     for _ in range(10):
         mission = bench.step(drives=None).mission
     assert (mission.phase, mission.cause, mission.trolley, mission.resets) == ("idle", "", 1, 0)
+    assert (mission.motion, mission.contact_expected, mission.waiting) == ("hold", False, "")
+    speeds = (mission.straight_speed_m_s, mission.turn_rate_rad_s, mission.v_max_m_s, mission.w_max_rad_s)
+    assert speeds == (0.0,) * 4
 
 
 @pytest.mark.parametrize(

@@ -79,6 +79,7 @@ def test_it_turns_left_then_right_then_back_and_slower_near_the_end(bench: Bench
     to_search(bench)
     bench.run(1.0)
     assert bench.mission is not None
+    assert bench.sequence.attempt.searches == 1
     most = math.radians(30.0)
     assert (bench.mission.motion, bench.mission.turn_rate_rad_s, bench.mission.waiting) == ("turn", 0.2, "LEDs")
     assert bench.mission.w_max_rad_s == 0.2

@@ -115,4 +115,6 @@ def test_on_the_way_back_it_waits_for_drives_that_are_silent_for_a_moment(bench:
     drives = bench.seen.drives
     mission = bench.step(drives=None).mission
     assert (mission.motion, mission.waiting) == ("hold", "drives")
-    assert bench.step(drives=drives).mission.motion == "straight"
+    mission = bench.step(drives=drives).mission
+    assert (mission.motion, mission.contact_expected, mission.waiting) == ("straight", False, "")
+    assert (mission.straight_speed_m_s, mission.v_max_m_s, mission.w_max_rad_s) == (-0.1, 0.1, 0.0)
