@@ -53,7 +53,7 @@ INJECTED: dict[str, tuple[Callable[[Rig], None], str, str]] = {
 def test_the_injected_cause_is_named(tmp_path: Path, name: str) -> None:
     fault, cause, shown = INJECTED[name]
     quick = ("supervisor.lost_timeout_s=2.0", "supervisor.search_turn_deg=5.0", "supervisor.acquire_timeout_s=6.0")
-    path = record(tmp_path / "run.mcap", recording_config(*quick), 40.0, fault=fault, fault_s=3.0)
+    path = record(tmp_path / "run.mcap", recording_config(*quick), 40.0, fault=fault, fault_s=5.0)
     attempt = RecordedAttempt(Recording.read(path))
     assert attempt.complete
     assert cause in attempt.cause, (attempt.cause, evidence(attempt))
@@ -62,7 +62,7 @@ def test_the_injected_cause_is_named(tmp_path: Path, name: str) -> None:
 
 
 def test_a_page_is_one_file_without_references(tmp_path: Path) -> None:
-    path = record(tmp_path / "run.mcap", recording_config(), 12.0, fault=INJECTED["estop"][0], fault_s=2.0)
+    path = record(tmp_path / "run.mcap", recording_config(), 12.0, fault=INJECTED["estop"][0], fault_s=5.0)
     page = tmp_path / "report.html"
     done = davpc_in_process("report", str(path), "--html", str(page), "--against", str(path))
     assert done.returncode == 0, done.stderr

@@ -47,10 +47,10 @@ def test_the_papers_estimator_docks_too(sim_run: Any) -> None:
 
 
 def test_an_exposure_too_short_is_mended_by_the_retry(sim_run: Any) -> None:
-    run = sim_run("--stepped", "--start", "4.5,0.1,2", "--set", "camera.exposure_us=15.0")
+    run = sim_run("--stepped", "--start", "4.5,0.1,2", "--set", "camera.exposure_us=20.0")
     assert run.finish() == 0, "".join(run.lines)
     assert is_docked(run.results()), run.results()
-    assert any("exposure 60 µs after 15 µs" in line for line in run.lines)
+    assert any("exposure 80 µs after 20 µs" in line for line in run.lines)
 
 
 def test_leds_out_of_view_end_by_name_with_results(sim_run: Any) -> None:

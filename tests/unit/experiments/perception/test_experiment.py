@@ -18,6 +18,7 @@ from experiments.perception.approach import approach, wrong_leds
 from experiments.perception.identification import CASES, LampCase, identification_rates
 from experiments.perception.pose_bound import pose_bound, theta_errors
 from experiments.perception.scene_counts import BANDS_M, band_metrics, scene_metrics
+from experiments.shared.steady import steady
 from follower.estimator.state import StateEstimator
 from sim.optics.image import Optics, View
 from sim.optics.scenes import Scene, SecondArray, Walker
@@ -72,7 +73,7 @@ def test_experiment_writes_rows_table_and_picture(config: Config, tmp_path: Path
 def test_an_approach_that_never_locks_is_a_loss_and_results_stay_json(config: Config) -> None:
     optics = Optics(config.camera, config.leds, seed=1)
     scene = Scene(others=(SecondArray(Pose2(0.5, 2.0, 0.1)),))
-    seen = list(islice(approach(config, optics, StateEstimator(config), scene, 0), 20))
+    seen = list(islice(approach(config, optics, StateEstimator(steady(config)), scene, 0), 20))
     counted = scene_metrics([seen])
     assert counted["never_locked"] == counted["losses"] == counted["losses_leds_visible"] == 1
     assert counted["ambiguous_percent"] == 100.0
@@ -106,7 +107,7 @@ def test_bench_writes_every_method(config: Config, tmp_path: Path) -> None:
 def test_a_loss_is_counted_where_it_happened(config: Config) -> None:
     optics = Optics(config.camera, config.leds, seed=1)
     scene = Scene(walkers=(Walker((-1.0, -1.6), (0.0, 1.4), 0.8),))
-    seen = list(islice(approach(config, optics, StateEstimator(config), scene, 1), 300))
+    seen = list(islice(approach(config, optics, StateEstimator(steady(config)), scene, 1), 300))
     counts = [band_metrics(config, [seen], far, near) for far, near in BANDS_M]
     assert sum(row["losses"] or 0 for row in counts) == scene_metrics([seen])["losses"]
     assert counts[0]["locks"] == 1

@@ -55,5 +55,4 @@ def test_results_table_and_figure(config: Config, tmp_path: Path) -> None:
     assert (row["method"], row["case"], row["n"]) == ("geometry", "latency", 1)
     assert set(row["metrics"]) >= {"e_x_cm", "e_y_cm", "e_theta_deg", "worst_e_y_cm", "not_docked", "noticed"}
     assert row["metrics"]["not_docked"] == 0
-    assert "calibrated" in (tmp_path / "table.md").read_text()
     assert (tmp_path / "tolerance.png").stat().st_size > 5_000
