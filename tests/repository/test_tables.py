@@ -11,14 +11,21 @@ from common import causes
 from common.causes import CAUSES, cause_code, needs_reset
 from common.messages import PHASES, Phase
 from follower.supervisor import transitions
-from follower.supervisor.transitions import ACTIVE, TABLE, next_phase
+from follower.supervisor.transitions import ACTIVE, ENDED, FREE, IN_CONTACT, TABLE, next_phase
 
 ROOT = Path(__file__).parents[2]
 
 
 def test_the_pages_show_the_tables_as_they_are() -> None:
-    assert transitions.as_markdown() in (ROOT / "ARCHITECTURE.md").read_text()
+    page = (ROOT / "ARCHITECTURE.md").read_text()
+    begin = page.index("| in | event |")
+    assert page[begin : page.index("\n\n", begin)] == transitions.as_markdown()
     assert causes.as_markdown() in (ROOT / "docs/causes.md").read_text()
+
+
+def test_each_phase_of_a_docking_is_free_in_contact_or_backs_away() -> None:
+    assert sorted((*FREE, *IN_CONTACT, "retract")) == sorted(ACTIVE)
+    assert sorted((*ACTIVE, *ENDED, "manual")) == sorted(PHASES)
 
 
 def test_no_event_leads_two_ways_and_every_phase_can_be_left_and_reached() -> None:

@@ -93,6 +93,14 @@ def test_it_turns_left_then_right_then_back_and_slower_near_the_end(bench: Bench
     assert bench.step().mission.turn_rate_rad_s == 0.2
 
 
+def test_it_stands_as_soon_as_the_array_is_in_view(bench: Bench) -> None:
+    valid = bench.seen.state
+    to_search(bench)
+    bench.run(1.0)
+    mission = bench.step(state=valid).mission
+    assert (mission.motion, mission.waiting) == ("hold", "LEDs")
+
+
 def test_headings_are_counted_from_where_the_search_began(bench: Bench) -> None:
     bench.seen = replace(bench.seen, drives=turned(bench, 2.0))
     bench.run(0.3)
