@@ -13,7 +13,10 @@ _GATE: Final = tuple(f"{_BRIDGE}gate{part}.py" for part in ("", "_caps", "_wheel
 _PHASES: Final = "tests/unit/follower/supervisor/phases/test_"
 _SEQUENCE: Final = (
     *(f"{_SUPERVISOR}sequence{part}.py" for part in ("", "_contact", "_guards", "_pauses", "_stops")),
-    *(f"{_PHASES}{phase}.py" for phase in ("approach", "contact", "lock", "search", "staging", "staging_limits")),
+    *(
+        f"{_PHASES}{phase}.py"
+        for phase in ("approach", "approach_ends", "contact", "lock", "search", "staging", "staging_limits")
+    ),
     f"{_SUPERVISOR}attempt.py",
 )
 TARGETS: Final[dict[str, tuple[str, ...]]] = {

@@ -136,7 +136,7 @@ class ApproachPhase(PhaseLogic):
         pause = self._pause
         self._settled.reset()
         if self.attempt.pauses > MAX_PAUSES:
-            return failed(f"too_many_pauses: {pause.reason or 'resumed too often'}")
+            return failed(f"too_many_pauses: {pause.reason}")
         if pause.too_long:
             blind = self.attempt.blind(inputs)
             if not blind:
