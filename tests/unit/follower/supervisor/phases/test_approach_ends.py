@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from common.config import Config
 from common.geometry import Pose2
-from follower.supervisor.attempt import NOT_FOLLOWING
+from follower.supervisor.image_trust import NOT_FOLLOWING
 from tests.rigs.supervisor_rig import ARMS, Bench, docking_state
 
 
