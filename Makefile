@@ -1,6 +1,6 @@
 # davpc: `make help` lists what there is.
 .DEFAULT_GOAL := help
-.PHONY: help setup sim check test lint cover mutate prove campaign lock wheels clean
+.PHONY: help setup sim check test lint cover mutate prove campaign readme lock wheels clean
 
 VENV := .venv
 READY := $(VENV)/.ready
@@ -61,6 +61,9 @@ prove: $(READY) ## A million random steps of the gate, mutated CAN frames, event
 	  tests/unit/follower/supervisor/test_sequence_properties.py tests/unit/leader/test_lock_properties.py
 
 LOCK = uv pip compile --universal --generate-hashes --no-header --no-annotate --no-strip-extras --python-version 3.11 --no-emit-package davpc
+
+readme: $(READY) ## Every command of README.md in its smallest form, those that take minutes too
+	@README_COMMANDS=all $(VENV)/bin/python -m pytest -q tests/system/test_readme_commands.py
 
 campaign: $(READY) ## Every failure mode in 25 seeds, two at a time; interrupted, the same call goes on
 	@$(VENV)/bin/davpc experiment campaign --seeds 25 --jobs 2 --out out/campaign $(CAMPAIGN_ARGS)
