@@ -60,8 +60,8 @@ SMALLEST = {
     "experiment incidents": Small("experiment incidents --trials 1 --cases hidden_led", long=True),
     "experiment linkcut": Small("experiment linkcut --trials 1", long=True),
     "experiment campaign --seeds 2": Small("experiment campaign --seeds 1 --rows S22", long=True),
-    "experiment fuzz --messages 300000": Small("experiment fuzz --messages 200 --frames 200 --files 2"),
-    "experiment load": Small("experiment load --seconds 1 --cases nothing"),
+    "experiment fuzz --messages 300000": Small("experiment fuzz --messages 200 --frames 200 --files 2", long=True),
+    "experiment load": Small("experiment load --seconds 1 --cases nothing", long=True),
     "experiment soak --hours 24": Small("experiment soak --hours 0.01", long=True),
     "experiment tolerance": Small(
         "experiment tolerance --robots 1 --methods geometry --cases focal_length --no-sensitivities", long=True
