@@ -1,8 +1,8 @@
 """Mutation test of what decides about motion: change a module in one place at a time; do its tests notice?
 
 ``python -m tests.mutation.mutate`` takes every module of ``targets.py``, or those that are named. It prints each
-survivor and exits with 1 if there is one that neither ``equivalent.py`` lists with its reason nor ``open.txt`` as one
-that still wants a test, or if a listed one is noticed after all or does not exist any more.
+survivor, and exits with 1 if ``survivors.txt`` does not list one under its reason, or lists one that is noticed after
+all or does not exist any more.
 """
 
 from __future__ import annotations
@@ -18,12 +18,11 @@ from typing import Annotated
 
 import typer
 
-from tests.mutation.equivalent import EQUIVALENT
 from tests.mutation.operators import Mutant, mutants
 from tests.mutation.runner import Target
 from tests.mutation.targets import TARGETS
 
-OPEN = Path(__file__).parent / "open.txt"
+ACCEPTED = Path(__file__).parent / "survivors.txt"
 Jobs = Annotated[int, typer.Option(help="Mutants at a time; 0: one for each core.", min=0)]
 Modules = Annotated[list[str] | None, typer.Argument(help="Parts of paths of modules; none: all.")]
 
@@ -41,30 +40,37 @@ def main(modules: Modules = None, jobs: Jobs = 0) -> None:
 def _module(path: Path, jobs: int) -> int:
     """Number of wrong entries of one module: survivors listed nowhere, and listed mutants that do not survive."""
     began_s = time.monotonic()
-    listed = {(where, what): reason for (at, where, what), reason in EQUIVALENT.items() if at == str(path)}
-    still_open = {(where, what) for at, where, what in open_survivors() if at == str(path)}
-    tried, new, stale = 0, 0, {*listed, *still_open}
+    listed = {(where, what): reason for (at, where, what), reason in accepted().items() if at == str(path)}
+    tried, new, stale = 0, 0, set(listed)
     for mutant, noticed in _noticed(Target(path, TARGETS[str(path)]), jobs):
         tried += 1
-        key = mutant.where, mutant.what
         if noticed:
             continue
+        key = mutant.where, mutant.what
         stale.discard(key)
-        new += key not in listed and key not in still_open
-        verdict = f"equivalent: {listed[key]}" if key in listed else "open" if key in still_open else "SURVIVED"
-        print(f"{path}:{mutant.lines[0]}\t{mutant.where}\t{mutant.what}\t{verdict}", flush=True)  # noqa: T201
+        new += key not in listed
+        row = f"{path}:{mutant.lines[0]}\t{mutant.where}\t{mutant.what}\t{listed.get(key, 'SURVIVED')}"
+        print(row, flush=True)  # noqa: T201
     for where, what in sorted(stale):
         print(f"{path}\t{where}\t{what}\tlisted, but noticed or gone: delete the entry")  # noqa: T201
     spent_s = time.monotonic() - began_s
-    summary = f"{tried} mutants, {new} new survivors, {len(still_open - stale)} open, {len(stale)} stale entries"
+    summary = (
+        f"{tried} mutants, {len(listed) - len(stale)} survivors with a reason, {new} without, {len(stale)} stale"
+    )
     print(f"{path}: {summary}, {spent_s:.0f} s", flush=True)  # noqa: T201
     return new + len(stale)
 
 
-def open_survivors() -> set[tuple[str, str, str]]:
-    """Module, function and change of each survivor for which a test is still missing."""
-    rows = OPEN.read_text(encoding="utf-8").splitlines()
-    return {(path, where, what) for path, where, what in (row.split("\t") for row in rows)}
+def accepted() -> dict[tuple[str, str, str], str]:
+    """Module, function and change of each accepted survivor, with the reason above it in ``survivors.txt``."""
+    found, reason = {}, ""
+    for row in ACCEPTED.read_text(encoding="utf-8").splitlines():
+        if row.startswith("# "):
+            reason = row.removeprefix("# ")
+        else:
+            path, where, what = row.split("\t")
+            found[path, where, what] = reason
+    return found
 
 
 def _noticed(target: Target, jobs: int) -> Iterator[tuple[Mutant, str]]:

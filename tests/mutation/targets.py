@@ -15,7 +15,7 @@ _SEQUENCE: Final = (
     *(f"{_SUPERVISOR}sequence{part}.py" for part in ("", "_contact", "_guards", "_pauses", "_stops")),
     *(
         f"{_PHASES}{phase}.py"
-        for phase in ("approach", "approach_ends", "contact", "lock", "search", "staging", "staging_limits")
+        for phase in ("approach", "approach_ends", "contact", "lock", "acquire", "staging", "staging_limits")
     ),
     f"{_SUPERVISOR}attempt.py",
 )

@@ -189,7 +189,7 @@ def test_without_filtered_features_it_has_not_arrived(bench: Bench) -> None:
     assert bench.run(2.0, state=replace(at(bench, 0.0), features_filtered=())) == "approach"
 
 
-def test_a_pause_at_the_goal_begins_the_settling_again(bench: Bench) -> None:
+def test_a_pause_at_the_goal_restarts_the_settling(bench: Bench) -> None:
     bench.to_approach()
     move(bench, 0.0)
     bench.run(1.2)

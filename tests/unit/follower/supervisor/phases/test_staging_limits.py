@@ -1,4 +1,4 @@
-"""Staging, step by step: how long each step may take, what it waits for, and what begins it again."""
+"""Staging, step by step: how long each step may take, what it waits for, and what restarts it."""
 
 from __future__ import annotations
 
