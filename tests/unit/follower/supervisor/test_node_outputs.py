@@ -29,6 +29,7 @@ from common.geometry import Pose2
 from common.messages import Answer, Command, DockRequest, Drives, Frame, Header, ManualRequest, Mission, seal_command
 from common.node import Inbox, NodeContext, Outbox, Received
 from common.timing import NS_PER_S, SteppedClock
+from follower.supervisor.journal import Journal
 from follower.supervisor.node import SupervisorNode
 from tests.rigs.canbus_rig import CONFIG_PATH, stepped_config
 from tests.rigs.supervisor_rig import ARMS, LEADER, STEP_NS, docking_state  # fmt: skip
@@ -183,3 +184,13 @@ def test_frames_of_another_camera_keep_it_from_beginning(process: Process) -> No
     answers = [message for _, message in process.step() if isinstance(message, Answer)]
     assert [answer.outcome for answer in answers] == ["refused"]
     assert "is of camera A1, frames come from B2" in answers[0].reason
+
+
+def test_a_stop_waits_for_what_is_still_to_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    closed: list[Journal] = []
+    monkeypatch.setattr(Journal, "close", closed.append)
+    process = Process(tmp_path)
+    process.node.stop(process.now_ns)
+    assert closed == [process.node._journal]
+    monkeypatch.undo()
+    process.node.stop(process.now_ns)
