@@ -188,7 +188,7 @@ def test_frames_of_another_camera_keep_it_from_beginning(process: Process) -> No
 
 def test_a_stop_waits_for_what_is_still_to_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     closed: list[Journal] = []
-    monkeypatch.setattr(Journal, "close", closed.append)
+    monkeypatch.setattr(Journal, "close", lambda journal: closed.append(journal))
     process = Process(tmp_path)
     process.node.stop(process.now_ns)
     assert closed == [process.node._journal]

@@ -10,6 +10,7 @@ import pytest
 from common.config import Config
 from common.geometry import Pose2
 from common.messages import ArmState
+from common.timing import NS_PER_MS, NS_PER_S
 from tests.rigs.supervisor_rig import ARMS, DRIVES, LEADER, Bench, docking_state
 
 OPEN = ArmState(0.0, False, False, False, True)
@@ -99,8 +100,9 @@ def test_the_way_back_ends_two_centimetres_before_its_end(bench: Bench) -> None:
 def test_the_way_back_is_bounded_in_time(bench: Bench) -> None:
     """1.3 times what it takes at its speed, and two seconds."""
     to_back(bench)
-    assert bench.run(14.9) == "staging"
-    bench.run(0.2)
+    assert bench.run(15.0) == "staging"
+    bench.seen = replace(bench.seen, now_ns=bench.seen.now_ns - 30 * NS_PER_MS)
+    bench.step()
     assert cause(bench) == "staging_timeout: the path back was not completed"
 
 
@@ -132,6 +134,20 @@ def test_a_grip_is_believed_after_half_a_second_and_a_miss_opens_again(bench: Be
     bench.run(1.2)
     assert grip(bench) == "closed"
     assert bench.run(0.45, arms=ARMS) == "staging"
+    assert bench.run(0.15) == "acquire"
+
+
+def test_a_grip_that_comes_too_late_counts_from_the_next_closing(bench: Bench) -> None:
+    to_stand(bench)
+    while grip(bench) == "open":
+        bench.step()
+    bench.run(5.75)
+    while grip(bench) == "closed":
+        bench.step(arms=ARMS)
+    bench.step(arms=OPEN)
+    while grip(bench) == "open":
+        bench.step()
+    assert bench.run(0.4, arms=ARMS) == "staging"
     assert bench.run(0.15) == "acquire"
 
 
@@ -195,6 +211,10 @@ def test_after_a_retry_it_stands_for_half_a_second_and_goes_on(bench: Bench, con
     bench.step(drives=bench.roll(-2.19))
     bench.step()
     assert waiting(bench) == "standstill"
-    bench.run(0.6)
-    assert bench.run(0.2) == "acquire"
+    while not bench.sequence.attempt.standstill.holds:
+        bench.step()
+    stands_ns = bench.seen.now_ns
+    while bench.run(0.05) == "staging":
+        pass
+    assert (bench.sequence.phase, bench.seen.now_ns - stands_ns) == ("acquire", NS_PER_S // 2)
     assert not bench.sequence.attempt.retreating
