@@ -86,8 +86,9 @@ class Target:
             RuntimeError: they fail.
         """
         found = _in_child(self._measure)()
-        if found is None or found["failed"]:
-            raise RuntimeError(f"the tests of {self.path} fail on the module as it is: {found}")
+        failed = "its process ended" if found is None else found["failed"]
+        if found is None or failed:
+            raise RuntimeError(f"the tests of {self.path} fail on the module as it is: {failed}")
         by_line = {int(line): set(tests) for line, tests in found["lines"].items()}
         return Reach(seconds=found["seconds"], by_line=by_line)
 
