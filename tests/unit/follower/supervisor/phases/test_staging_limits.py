@@ -146,8 +146,8 @@ def test_a_grip_that_comes_too_late_counts_from_the_next_closing(bench: Bench) -
         bench.step(arms=ARMS)
     bench.step(arms=OPEN)
     while grip(bench) == "open":
-        bench.step()
-    assert bench.run(0.4, arms=ARMS) == "staging"
+        bench.step(arms=ARMS)
+    assert bench.run(0.4) == "staging"
     assert bench.run(0.15) == "acquire"
 
 
