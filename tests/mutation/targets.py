@@ -24,10 +24,12 @@ TARGETS: Final[dict[str, tuple[str, ...]]] = {
     "follower/can_bridge/gate.py": _GATE,
     "follower/can_bridge/wheel_tracking.py": (f"{_BRIDGE}wheel_tracking.py",),
     "follower/can_bridge/angle_watch.py": (f"{_BRIDGE}angle_watch.py", f"{_BRIDGE}angle_watch_limits.py"),
+    "follower/model/taught.py": ("tests/unit/follower/model/test_taught.py",),
     **{
         f"follower/supervisor/{name}.py": tests
         for name, tests in {
             "attempt": _SEQUENCE,
+            "image_trust": (f"{_SUPERVISOR}image_trust.py", *_SEQUENCE),
             "fitness": (f"{_SUPERVISOR}fitness.py",),
             "interface": _SEQUENCE,
             "late_watch": (f"{_SUPERVISOR}late_watch.py",),
@@ -36,7 +38,6 @@ TARGETS: Final[dict[str, tuple[str, ...]]] = {
             "node": (f"{_SUPERVISOR}node.py", f"{_SUPERVISOR}node_outputs.py"),
             "run_watch": (f"{_SUPERVISOR}run_watch.py",),
             "sequence": _SEQUENCE,
-            "taught": (f"{_SUPERVISOR}taught.py",),
             "transitions": (*_SEQUENCE, "tests/repository/test_tables.py"),
             **{
                 f"phases/{phase}": _SEQUENCE
